@@ -1,0 +1,150 @@
+"""The light field: a grid of views, and what is known about the camera that took it.
+
+Conventions of the whole library (every other module refers to these):
+
+* ``views[v, u, y, x, c]``: ``v`` is the angular row, top to bottom; ``u`` the angular column, left
+  to right; ``y`` and ``x`` the pixel row and column; ``c`` the colour channel.
+* The centre view, whose disparity is estimated, is ``v0 = V // 2``, ``u0 = U // 2``: the middle of an
+  odd grid, the view below and right of the middle of an even one.
+* Disparity ``d`` is in pixels per view step with the sign of the HCI 4D benchmark: what the centre
+  view sees at ``(y, x)``, view ``(v, u)`` sees at ``(y - d * (v - v0), x - d * (u - u0))``. Rows move
+  with ``v``, columns with ``u``; nearer points have larger disparity.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from occjax.errors import InputError
+
+GREY_WEIGHTS = (0.299, 0.587, 0.114)
+"""Weights of red, green and blue in the grey image (ITU-R BT.601)."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Camera parameters of the HCI format; what turns disparity into metric depth.
+
+    Attributes:
+        focal_length_mm: Focal length of each camera, in millimetres.
+        sensor_size_mm: Longer side of the sensor, in millimetres.
+        baseline_mm: Distance between neighbouring cameras, in millimetres.
+        focus_distance_m: Distance of the plane whose disparity is zero, in metres.
+    """
+
+    focal_length_mm: float
+    sensor_size_mm: float
+    baseline_mm: float
+    focus_distance_m: float
+
+    def depth(self, disparity: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
+        """Metric depth of a disparity map, by the formula of the HCI 4D benchmark.
+
+        ``depth = beta * f_d / (d * f_d * sensor + beta)`` with
+        ``beta = baseline * focal_length * max(H, W)``, all lengths in millimetres.
+
+        Args:
+            disparity: ``[...]``, pixels per view step.
+            image_size: ``(H, W)`` of the views, in pixels.
+
+        Returns:
+            ``[...]`` depth along the optical axis, in metres; infinite where the disparity is at or
+            below that of infinitely distant points.
+        """
+        focus_mm = self.focus_distance_m * 1000.0
+        beta = self.baseline_mm * self.focal_length_mm * max(image_size)
+        denominator = np.asarray(disparity, np.float64) * focus_mm * self.sensor_size_mm + beta
+        distant = denominator <= 0.0
+        depth_mm = beta * focus_mm / np.where(distant, 1.0, denominator)
+        return np.where(distant, np.inf, depth_mm / 1000.0)
+
+
+@dataclass(frozen=True)
+class LightField:
+    """A rectangular grid of views of one scene, as stored, with what its files say about it.
+
+    Attributes:
+        views: ``[V, U, H, W, C]``, uint8, uint16 or floating point in [0, 1]; C is 1 or 3.
+        name: Short name of the scene, used for output folders.
+        calibration: Camera parameters, if the source has them.
+        disparity_range: ``(minimum, maximum)`` in pixels per view step, if the source says.
+        ground_truth: ``[H, W]`` float32 disparity of the centre view, if present.
+        positions: ``[V, U, 2]`` camera positions ``(row, column)`` of an irregular (gantry) grid, in
+            steps of the mean spacing, relative to the centre view; None for a regular grid.
+        source: Where the light field was read from.
+    """
+
+    views: np.ndarray
+    name: str = "light field"
+    calibration: Calibration | None = None
+    disparity_range: tuple[float, float] | None = None
+    ground_truth: np.ndarray | None = None
+    positions: np.ndarray | None = None
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Check what every other function relies on."""
+        if self.views.ndim != 5 or self.views.shape[-1] not in (1, 3):
+            raise InputError(
+                f"{self.name}: views must be [V, U, H, W, C] with C of 1 or 3, "
+                f"not {list(self.views.shape)}"
+            )
+        if self.ground_truth is not None and self.ground_truth.shape != self.image_size:
+            raise InputError(
+                f"{self.name}: ground truth is {list(self.ground_truth.shape)} "
+                f"but the views are {list(self.image_size)}"
+            )
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """``(V, U)``: number of view rows and view columns."""
+        return self.views.shape[0], self.views.shape[1]
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """``(H, W)`` of each view, in pixels."""
+        return self.views.shape[2], self.views.shape[3]
+
+    @property
+    def centre(self) -> np.ndarray:
+        """``[H, W, C]`` centre view, as stored."""
+        return self.views[self.grid[0] // 2, self.grid[1] // 2]
+
+    def floating(self) -> np.ndarray:
+        """``[V, U, H, W, C]`` float32 views in [0, 1]."""
+        return to_unit_float(self.views)
+
+    def grey(self) -> np.ndarray:
+        """``[V, U, H, W]`` float32 grey views in [0, 1]: 0.299 R + 0.587 G + 0.114 B."""
+        if self.views.shape[-1] == 1:
+            return to_unit_float(self.views[..., 0])
+        grey = np.empty(self.views.shape[:-1], np.float32)
+        weights = np.asarray(GREY_WEIGHTS, np.float32)
+        for v, u in np.ndindex(*self.grid):  # view by view: the float colour copy is never whole
+            grey[v, u] = to_unit_float(self.views[v, u]) @ weights
+        return grey
+
+    def central(self, rows: int, columns: int) -> LightField:
+        """The ``rows`` x ``columns`` views around the centre view, which stays the centre view.
+
+        Raises:
+            InputError: If the grid is smaller than that.
+        """
+        v, u = self.grid
+        if rows > v or columns > u:
+            raise InputError(f"{self.name}: has {v}x{u} views, {rows}x{columns} are needed")
+        top, left = v // 2 - rows // 2, u // 2 - columns // 2
+        inner = np.s_[top : top + rows, left : left + columns]
+        positions = None if self.positions is None else self.positions[inner]
+        return dataclasses.replace(self, views=self.views[inner], positions=positions)
+
+
+def to_unit_float(images: np.ndarray) -> np.ndarray:
+    """Images as float32 in [0, 1]: integers are divided by their type's maximum."""
+    if np.issubdtype(images.dtype, np.integer):
+        return images.astype(np.float32) / np.float32(np.iinfo(images.dtype).max)
+    return images.astype(np.float32, copy=False)

@@ -1,0 +1,121 @@
+"""Bilinear sampling of a view where a disparity points.
+
+Two samplings, which differ at the image border; the published network uses both:
+
+* :func:`shift`: one displacement for the whole image, taps outside it read zero;
+* :func:`warp`: a displacement for each pixel; the border is replicated (default) or read as zero.
+
+Coordinates are computed in at least float32, whatever the type of the image. Both are
+differentiable in the image and in the disparity: the derivative with respect to disparity is that
+of the bilinear interpolant, which is piecewise linear with kinks where a displacement is a whole
+number of pixels (there the derivative is that of the segment towards larger coordinates).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Border = Literal["replicate", "zero"]
+
+
+def shift(
+    image: Float[Array, "h w c"],
+    disparity: Float[Array, ""],
+    offset: Float[Array, "2"],
+) -> Float[Array, "h w c"]:
+    """Bring a view into register with the centre view, for one disparity of the whole image.
+
+    ``result[y, x] = image(y - disparity * offset[0], x - disparity * offset[1])``, bilinear, where
+    taps outside the image read zero.
+
+    Args:
+        image: ``[h, w, c]`` view or feature map.
+        disparity: ``[]`` pixels per view step.
+        offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
+
+    Returns:
+        ``[h, w, c]`` shifted image.
+
+    Example:
+        >>> ramp = jnp.arange(4.0)[None, :, None]
+        >>> shift(ramp, jnp.float32(0.5), jnp.array([0.0, -1.0]))[0, :, 0].tolist()
+        [0.5, 1.5, 2.5, 1.5]
+    """
+    h, w, _ = image.shape
+    displacement = -_coordinates(disparity) * _coordinates(offset)
+    whole = jnp.floor(displacement)
+    fraction = (displacement - whole).astype(image.dtype)
+    # A shift by more than the image reads only zeros; clamping keeps the slice inside the padding.
+    row, column = jnp.clip(
+        jax.lax.stop_gradient(whole), -(jnp.array([h, w]) + 1.0), jnp.array([h, w]) * 1.0
+    ).astype(jnp.int32)
+    padded = jnp.pad(image, ((h + 1, h + 1), (w + 1, w + 1), (0, 0)))
+    taps = jax.lax.dynamic_slice(
+        padded, (row + h + 1, column + w + 1, 0), (h + 1, w + 1, image.shape[2])
+    )
+    one = jnp.ones((), image.dtype)
+    rows = taps[:-1] * (one - fraction[0]) + taps[1:] * fraction[0]
+    return rows[:, :-1] * (one - fraction[1]) + rows[:, 1:] * fraction[1]
+
+
+def warp(
+    image: Float[Array, "h w c"],
+    disparity: Float[Array, "h w"],
+    offset: Float[Array, "2"],
+    *,
+    border: Border = "replicate",
+) -> Float[Array, "h w c"]:
+    """Warp a view to the centre view by a disparity map of the centre view (eq. 4).
+
+    ``result[y, x] = image(y - d[y, x] * offset[0], x - d[y, x] * offset[1])``, bilinear.
+
+    Args:
+        image: ``[h, w, c]`` view or feature map, at least 2x2 pixels.
+        disparity: ``[h, w]`` pixels per view step.
+        offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
+        border: ``"replicate"`` clamps the base tap to ``[0, size - 2]`` and the fraction to
+            ``[0, 1]``, so that the border is repeated outwards; ``"zero"`` reads taps outside the
+            image as zero, as :func:`shift` does.
+
+    Returns:
+        ``[h, w, c]`` warped image.
+
+    Example:
+        >>> ramp = jnp.tile(jnp.arange(4.0)[None, :, None], (2, 1, 1))
+        >>> warp(ramp, jnp.full((2, 4), 0.5), jnp.array([0.0, -1.0]))[0, :, 0].tolist()
+        [0.5, 1.5, 2.5, 3.0]
+    """
+    h, w, _ = image.shape
+    displacement = _coordinates(disparity)
+    offset = _coordinates(offset)
+    y = jnp.arange(h, dtype=displacement.dtype)[:, None] - displacement * offset[0]
+    x = jnp.arange(w, dtype=displacement.dtype)[None, :] - displacement * offset[1]
+    if border == "zero":
+        image = jnp.pad(image, ((1, 1), (1, 1), (0, 0)))
+        y, x = jnp.clip(y + 1.0, 0.0, h + 1.0), jnp.clip(x + 1.0, 0.0, w + 1.0)
+    row, row_fraction = _base_and_fraction(y, image.shape[0])
+    column, column_fraction = _base_and_fraction(x, image.shape[1])
+    row_fraction = row_fraction.astype(image.dtype)[..., None]
+    column_fraction = column_fraction.astype(image.dtype)[..., None]
+    one = jnp.ones((), image.dtype)
+
+    def between_columns(row):
+        left, right = image[row, column], image[row, column + 1]
+        return left * (one - column_fraction) + right * column_fraction
+
+    return between_columns(row) * (one - row_fraction) + between_columns(row + 1) * row_fraction
+
+
+def _base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
+    """Lower bilinear tap in [0, size - 2] and the weight of the upper one, in [0, 1]."""
+    base = jax.lax.stop_gradient(jnp.clip(jnp.floor(coordinate), 0.0, size - 2.0))
+    return base.astype(jnp.int32), jnp.clip(coordinate - base, 0.0, 1.0)
+
+
+def _coordinates(values: Array) -> Array:
+    """Coordinates need more bits than bfloat16 has: at 512 pixels its steps are two pixels wide."""
+    return values.astype(jnp.promote_types(values.dtype, jnp.float32))
