@@ -50,9 +50,8 @@ def shift(
     whole = jnp.floor(displacement)
     fraction = (displacement - whole).astype(image.dtype)
     # A shift by more than the image reads only zeros; clamping keeps the slice inside the padding.
-    row, column = jnp.clip(
-        jax.lax.stop_gradient(whole), -(jnp.array([h, w]) + 1.0), jnp.array([h, w]) * 1.0
-    ).astype(jnp.int32)
+    size = jnp.array([h, w], whole.dtype)
+    row, column = jnp.clip(jax.lax.stop_gradient(whole), -size - 1.0, size).astype(jnp.int32)
     padded = jnp.pad(image, ((h + 1, h + 1), (w + 1, w + 1), (0, 0)))
     taps = jax.lax.dynamic_slice(
         padded, (row + h + 1, column + w + 1, 0), (h + 1, w + 1, image.shape[2])

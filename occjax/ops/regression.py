@@ -1,0 +1,104 @@
+"""From a volume of costs or probabilities to a disparity map, and how far to trust it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def soft_argmin(
+    costs: Float[Array, "d h w"], candidates: Float[Array, " d"] | Float[Array, "d h w"]
+) -> Float[Array, "h w"]:
+    """Differentiable sub-pixel position of the lowest cost (eq. 8).
+
+    ``sum_k candidate_k * softmax(-cost)_k``. A network whose output is a score (high is good), as
+    the published one in effect is, passes its negative or uses :func:`expected_disparity`.
+
+    Args:
+        costs: ``[d, h, w]`` cost of each candidate.
+        candidates: ``[d]`` disparities, or ``[d, h, w]`` when each pixel has its own.
+
+    Returns:
+        ``[h, w]`` disparity, in the unit of the candidates.
+
+    Example:
+        >>> costs = jnp.array([9.0, 0.0, 9.0])[:, None, None]
+        >>> round(float(soft_argmin(costs, jnp.array([-1.0, 0.5, 2.0]))[0, 0]), 3)
+        0.5
+    """
+    return expected_disparity(jax.nn.softmax(-costs, axis=0), candidates)
+
+
+def expected_disparity(
+    probabilities: Float[Array, "d h w"],
+    candidates: Float[Array, " d"] | Float[Array, "d h w"],
+) -> Float[Array, "h w"]:
+    """Expectation of the candidates under their probabilities (the sum in eq. 8).
+
+    Args:
+        probabilities: ``[d, h, w]``, summing to one over d.
+        candidates: ``[d]`` disparities, or ``[d, h, w]`` when each pixel has its own.
+
+    Returns:
+        ``[h, w]`` disparity, in the unit of the candidates.
+
+    Example:
+        >>> halves = jnp.full((2, 1, 1), 0.5)
+        >>> expected_disparity(halves, jnp.array([1.0, 2.0])).tolist()
+        [[1.5]]
+    """
+    return (probabilities * _per_pixel(candidates).astype(probabilities.dtype)).sum(0)
+
+
+class Confidence(NamedTuple):
+    """Two readings of a probability volume.
+
+    Attributes:
+        standard_deviation: ``[h, w]`` spread of the candidates, in the unit of disparity.
+        entropy: ``[h, w]`` in nats, from 0 (one candidate is certain) to log(d) (all are alike).
+    """
+
+    standard_deviation: Float[Array, "h w"]
+    entropy: Float[Array, "h w"]
+
+    def certainty(self, number_of_candidates: int) -> Float[Array, "h w"]:
+        """``1 - entropy / log(d)``: 1 is certain, 0 knows nothing."""
+        return 1.0 - self.entropy / math.log(max(number_of_candidates, 2))
+
+
+def confidence(
+    probabilities: Float[Array, "d h w"],
+    candidates: Float[Array, " d"] | Float[Array, "d h w"],
+) -> Confidence:
+    """Spread and entropy of a probability volume.
+
+    Both are free of NaN in value and gradient where a probability is exactly 0 or 1.
+
+    Args:
+        probabilities: ``[d, h, w]``, summing to one over d.
+        candidates: ``[d]`` disparities, or ``[d, h, w]`` when each pixel has its own.
+
+    Returns:
+        Standard deviation and entropy, each ``[h, w]``.
+
+    Example:
+        >>> halves = jnp.full((2, 1, 1), 0.5)
+        >>> confidence(halves, jnp.array([1.0, 2.0])).standard_deviation.tolist()
+        [[0.5]]
+    """
+    values = _per_pixel(candidates).astype(probabilities.dtype)
+    mean = expected_disparity(probabilities, candidates)
+    variance = (probabilities * jnp.square(values - mean[None])).sum(0)
+    spread = variance > 0
+    deviation = jnp.where(spread, jnp.sqrt(jnp.where(spread, variance, 1.0)), 0.0)
+    possible = probabilities > 0
+    logarithm = jnp.log(jnp.where(possible, probabilities, 1.0))
+    return Confidence(deviation, -(probabilities * logarithm).sum(0))
+
+
+def _per_pixel(candidates: Array) -> Array:
+    return candidates[:, None, None] if candidates.ndim == 1 else candidates

@@ -1,0 +1,238 @@
+"""Cost volumes: the views brought into register for each disparity candidate, then combined.
+
+A volume is a choice of three independent things:
+
+* the sampling: :func:`coarse_volume` shifts whole views, :func:`refined_volume` warps them around a
+  disparity map;
+* ``combine``, what becomes of the registered views at one candidate: :func:`concatenate` (the
+  published network), :func:`mean_and_variance` or :func:`group_correlation`, or any function of the
+  same signature, for instance one that reduces a plane to a cost;
+* ``streamed``: all candidates at once, or one after the other, which keeps only one candidate's
+  registered views in memory. The answer is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from occjax.ops.geometry import view_offsets
+from occjax.ops.sampling import Border, shift, warp
+
+Combine = Callable[
+    [Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "h w k"]
+]
+"""Registered views and their weights at one candidate -> that candidate's plane of the volume."""
+
+
+def concatenate(
+    views: Float[Array, "v u h w c"], weights: Float[Array, "v u h w"] | None = None
+) -> Float[Array, "h w v*u*c"]:
+    """All features of all views side by side, the "concat" of shift-and-concat.
+
+    Args:
+        views: ``[v, u, h, w, c]`` views in register with the centre view.
+        weights: ``[v, u, h, w]`` factor of each view at each pixel, or None for one.
+
+    Returns:
+        ``[h, w, v * u * c]``; the channel of view (v, u) and feature c is ``(v * U + u) * C + c``.
+
+    Example:
+        >>> concatenate(jnp.zeros((3, 3, 4, 5, 2))).shape
+        (4, 5, 18)
+    """
+    if weights is not None:
+        views = views * weights[..., None].astype(views.dtype)
+    v, u, h, w, c = views.shape
+    return views.transpose(2, 3, 0, 1, 4).reshape(h, w, v * u * c)
+
+
+def mean_and_variance(
+    views: Float[Array, "v u h w c"], weights: Float[Array, "v u h w"] | None = None
+) -> Float[Array, "h w 2*c"]:
+    """Weighted mean and variance over the views: a volume whose depth is free of their number.
+
+    ``mean = sum(w f) / sum(w)``, ``variance = sum(w (f - mean)^2) / sum(w)``. The paper names it as
+    future work; with occlusion weights, occluded views do not raise the variance.
+
+    Args:
+        views: ``[v, u, h, w, c]`` views in register with the centre view.
+        weights: ``[v, u, h, w]`` non-negative weight of each view at each pixel, or None for equal.
+            Where all are zero, mean and variance are zero.
+
+    Returns:
+        ``[h, w, 2 * c]``: the c means, then the c variances.
+
+    Example:
+        >>> mean_and_variance(jnp.arange(4.0).reshape(2, 2, 1, 1, 1)).tolist()
+        [[[1.5, 1.25]]]
+    """
+    if weights is None:
+        mean = views.mean((0, 1))
+        variance = jnp.square(views - mean[None, None]).mean((0, 1))
+    else:
+        normalised = _normalised(weights)[..., None].astype(views.dtype)
+        mean = (normalised * views).sum((0, 1))
+        variance = (normalised * jnp.square(views - mean[None, None])).sum((0, 1))
+    return jnp.concatenate([mean, variance], axis=-1)
+
+
+def group_correlation(groups: int) -> Combine:
+    """Group-wise correlation of each view with the centre view, averaged over the views.
+
+    The c channels are split into groups; in each, ``mean_c(f_view * f_centre)`` (Guo et al.,
+    Group-wise Correlation Stereo Network, CVPR 2019, eq. 2), then the weighted mean over the views.
+
+    Args:
+        groups: Number of groups; must divide the number of channels.
+
+    Returns:
+        A ``combine`` function whose planes are ``[h, w, groups]``.
+
+    Raises:
+        ValueError: When called on features that the groups do not divide.
+
+    Example:
+        >>> group_correlation(2)(jnp.ones((3, 3, 4, 5, 6)), None).shape
+        (4, 5, 2)
+    """
+
+    def combine(
+        views: Float[Array, "v u h w c"], weights: Float[Array, "v u h w"] | None = None
+    ) -> Float[Array, "h w groups"]:
+        v, u, h, w, c = views.shape
+        if c % groups:
+            raise ValueError(f"{groups} groups do not divide {c} channels")
+        centre = views[v // 2, u // 2]
+        products = (views * centre[None, None]).reshape(v, u, h, w, groups, c // groups).mean(-1)
+        if weights is None:
+            return products.mean((0, 1))
+        return (_normalised(weights)[..., None].astype(views.dtype) * products).sum((0, 1))
+
+    return combine
+
+
+def coarse_volume(
+    features: Float[Array, "v u h w c"],
+    candidates: Float[Array, " d"],
+    *,
+    offsets: Float[Array, "v u 2"] | None = None,
+    combine: Combine = concatenate,
+    streamed: bool = False,
+) -> Float[Array, "d h w k"]:
+    """Cost volume of whole-image sub-pixel shifts (eq. 2, shift-and-concat).
+
+    Args:
+        features: ``[v, u, h, w, c]`` features (or the images) of the views.
+        candidates: ``[d]`` disparity candidates, pixels per view step.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+        combine: What becomes of the registered views at one candidate.
+        streamed: One candidate after the other (little memory) instead of all at once.
+
+    Returns:
+        ``[d, h, w, k]``, k as ``combine`` has it. Taps outside a view read zero.
+
+    Example:
+        >>> features = jnp.zeros((3, 3, 8, 8, 4))
+        >>> coarse_volume(features, jnp.linspace(-1, 1, 5)).shape
+        (5, 8, 8, 36)
+    """
+    offsets = _offsets(features, offsets)
+
+    def plane(candidate):
+        register = jax.vmap(jax.vmap(shift, (0, None, 0)), (0, None, 0))
+        return combine(register(features, candidate, offsets), None)
+
+    return _over_candidates(plane, candidates, streamed)
+
+
+def refined_volume(
+    features: Float[Array, "v u h w c"],
+    disparity: Float[Array, "h w"],
+    candidates: Float[Array, " d"],
+    *,
+    weights: Float[Array, "v u h w"] | None = None,
+    offsets: Float[Array, "v u 2"] | None = None,
+    combine: Combine = concatenate,
+    border: Border = "replicate",
+    streamed: bool = False,
+) -> Float[Array, "d h w k"]:
+    """Cost volume of per-pixel warps around a disparity map (eqs. 3 and 7).
+
+    Args:
+        features: ``[v, u, h, w, c]`` features (or the images) of the views.
+        disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
+        candidates: ``[d]`` residual candidates, added to the disparity of each pixel.
+        weights: ``[v, u, h, w]`` weight of each view at each pixel of the centre view, for instance
+            :func:`occjax.ops.occlusion_weights` (eq. 6).
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+        combine: What becomes of the registered views at one candidate.
+        border: What lies outside a view, see :func:`occjax.ops.warp`.
+        streamed: One candidate after the other (little memory) instead of all at once.
+
+    Returns:
+        ``[d, h, w, k]``, k as ``combine`` has it.
+
+    Example:
+        >>> features, disparity = jnp.zeros((3, 3, 8, 8, 4)), jnp.zeros((8, 8))
+        >>> refined_volume(features, disparity, jnp.linspace(-0.5, 0.5, 3)).shape
+        (3, 8, 8, 36)
+    """
+
+    def plane(candidate):
+        registered = warp_views(features, disparity + candidate, offsets=offsets, border=border)
+        return combine(registered, weights)
+
+    return _over_candidates(plane, candidates, streamed)
+
+
+def warp_views(
+    views: Float[Array, "v u h w c"],
+    disparity: Float[Array, "h w"],
+    *,
+    offsets: Float[Array, "v u 2"] | None = None,
+    border: Border = "replicate",
+) -> Float[Array, "v u h w c"]:
+    """Warp every view to the centre view by the centre view's disparity (eq. 4).
+
+    Args:
+        views: ``[v, u, h, w, c]`` views or their features.
+        disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+        border: What lies outside a view, see :func:`occjax.ops.warp`.
+
+    Returns:
+        ``[v, u, h, w, c]`` warped views; with the true disparity, all alike but for occlusions.
+
+    Example:
+        >>> warp_views(jnp.ones((3, 3, 4, 4, 1)), jnp.zeros((4, 4))).shape
+        (3, 3, 4, 4, 1)
+    """
+
+    def to_centre(view, offset):
+        return warp(view, disparity, offset, border=border)
+
+    return jax.vmap(jax.vmap(to_centre))(views, _offsets(views, offsets))
+
+
+def _over_candidates(
+    plane: Callable[[Array], Array], candidates: Float[Array, " d"], streamed: bool
+) -> Float[Array, "d h w k"]:
+    return jax.lax.map(plane, candidates) if streamed else jax.vmap(plane)(candidates)
+
+
+def _offsets(views: Array, offsets: Array | None) -> Array:
+    return view_offsets(views.shape[0], views.shape[1]) if offsets is None else offsets
+
+
+def _normalised(weights: Float[Array, "v u h w"]) -> Float[Array, "v u h w"]:
+    """Weights that sum to one over the views, or to zero where there is none."""
+    total = weights.sum((0, 1), keepdims=True)
+    present = total > 0
+    return jnp.where(present, weights / jnp.where(present, total, jnp.ones_like(total)), 0.0)
