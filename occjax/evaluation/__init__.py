@@ -1,0 +1,24 @@
+"""How good an estimate is: the error measures of the HCI 4D benchmark."""
+
+from occjax.evaluation.files import evaluate_files, read_disparity
+from occjax.evaluation.metrics import (
+    BORDER,
+    THRESHOLDS,
+    Metrics,
+    bad_pix,
+    evaluate,
+    mean_squared_error,
+    q25,
+)
+
+__all__ = [
+    "BORDER",
+    "THRESHOLDS",
+    "Metrics",
+    "bad_pix",
+    "evaluate",
+    "evaluate_files",
+    "mean_squared_error",
+    "q25",
+    "read_disparity",
+]

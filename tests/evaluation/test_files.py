@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.evaluation import evaluate_files
+
+
+def write_pfm(path, image):
+    """The format by its definition: header, then little-endian rows from the bottom up."""
+    header = f"Pf\n{image.shape[1]} {image.shape[0]}\n-1\n".encode()
+    path.write_bytes(header + image[::-1].astype("<f4").tobytes())
+
+
+def test_the_papers_column_for_cotton(shared):
+    folder = shared / "data" / "hci" / "cotton_maps"
+    metrics = evaluate_files(folder / "occcasnet_published.pfm", folder / "gt_disp_lowres.pfm")
+    shown = [f"{percent:.3f}" for percent in metrics.badpix.values()]
+    assert list(metrics.badpix) == [0.07, 0.03, 0.01]
+    assert shown == ["0.263", "0.569", "3.057"]
+    assert f"{metrics.mse_x100:.3f}" == "0.201"
+    assert metrics.pixels == 482 * 482
+
+
+def test_pfm_and_npy_are_compared_row_by_row(tmp_path):
+    truth = np.arange(12.0, dtype=np.float32).reshape(3, 4)
+    write_pfm(tmp_path / "truth.pfm", truth)
+    np.save(tmp_path / "estimate.npy", truth + np.array([[0.0], [0.0], [0.5]]))
+    metrics = evaluate_files(
+        tmp_path / "estimate.npy", str(tmp_path / "truth.pfm"), thresholds=(0.1,), border=0
+    )
+    assert metrics.badpix == {0.1: pytest.approx(100 / 3)}
+    assert metrics.mse_x100 == pytest.approx(100 * 0.25 / 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "message"),
+    [
+        ("bad.npy", lambda path: None, "no such file"),
+        ("bad.pfm", lambda path: None, "no such file"),
+        ("bad.png", lambda path: path.write_bytes(b"png"), r"pass a .pfm or .npy file"),
+        ("bad.pfm", lambda path: path.write_bytes(b"P5 2 2"), "not a PFM file"),
+        ("bad.npy", lambda path: path.write_bytes(b""), "not a complete NPY array"),
+        ("bad.npy", lambda path: path.write_bytes(b"\x93NUMPY\x01\x00"), "not a complete NPY"),
+        ("bad.npy", lambda path: np.save(path, np.array([None])), "not a complete NPY array"),
+        ("bad.npy", lambda path: np.save(path, np.zeros((3, 4), int)), "floating point"),
+        ("bad.npy", lambda path: np.save(path, np.zeros((3, 4, 3))), r"holds \[3, 4, 3\]"),
+        ("bad.npy", lambda path: np.save(path, np.zeros((0, 4))), r"holds \[0, 4\]"),
+        ("bad.npy", lambda path: np.save(path, np.zeros((3, 5))), "same scene and resolution"),
+    ],
+)
+@pytest.mark.parametrize("bad_side", ["estimate", "ground truth"])
+def test_a_file_that_cannot_be_used_is_named_in_one_line(tmp_path, name, write, message, bad_side):
+    good, bad = tmp_path / "good.npy", tmp_path / name
+    np.save(good, np.zeros((3, 4)))
+    write(bad)
+    pair = (bad, good) if bad_side == "estimate" else (good, bad)
+    with pytest.raises(InputError, match=message) as caught:
+        evaluate_files(*pair, border=0)
+    assert str(bad) in str(caught.value)
+    assert "\n" not in str(caught.value)
