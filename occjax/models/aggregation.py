@@ -1,0 +1,72 @@
+"""From a cost volume to a score for each candidate: view attention, then 3-D convolutions."""
+
+from __future__ import annotations
+
+import flax.linen as nn
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+from occjax.models.layers import VolumeConv, normalise
+
+
+class ViewAttention(nn.Module):
+    """One weight per view from the mean of its features over the volume.
+
+    The weights are symmetric: those of one octant of the grid, n (n + 1) / 2 for n = (V + 1) / 2,
+    are learned and mirrored to all views.
+
+    Attributes:
+        views: V = U, odd.
+        hidden: Hidden units.
+    """
+
+    views: int
+    hidden: int
+
+    @nn.compact
+    def __call__(self, mean: Float[Array, " channels"]) -> Float[Array, "v v"]:
+        """Weights from the mean features.
+
+        Args:
+            mean: ``[V * U * C]`` mean over candidates and pixels of each channel of the volume.
+
+        Returns:
+            ``[V, V]`` weights in (0, 1).
+        """
+        side = self.views // 2 + 1
+        octant = nn.relu(nn.Dense(self.hidden, name="hidden")(mean.astype(jnp.float32)))
+        octant = nn.sigmoid(nn.Dense(side * (side + 1) // 2, name="octant")(octant))
+        row, column = jnp.triu_indices(side)
+        quadrant = jnp.zeros((side, side)).at[row, column].set(octant).at[column, row].set(octant)
+        return jnp.pad(quadrant, (0, self.views - side), mode="reflect")
+
+
+class Aggregation(nn.Module):
+    """3x3x3 convolutions from ``[D, H, W, C]`` to a score ``[D, H, W]``.
+
+    Attributes:
+        width: Channels of the inner layers.
+        residual_pairs: Residual blocks of two convolutions each.
+        dtype: Type of the computation.
+    """
+
+    width: int
+    residual_pairs: int
+    dtype: DTypeLike = jnp.float32
+
+    @nn.compact
+    def __call__(self, volume: Float[Array, "d h w c"], *, train: bool) -> Float[Array, "d h w"]:
+        """Scores; the higher, the likelier the candidate."""
+
+        def conv_norm(x, name):
+            x = VolumeConv(self.width, dtype=self.dtype, name=name)(x)
+            return normalise(train=train, dtype=self.dtype, name=f"{name}_norm")(x)
+
+        x = nn.relu(conv_norm(volume, "conv_0"))
+        x = nn.relu(conv_norm(x, "conv_1"))
+        for pair in range(self.residual_pairs):
+            residual = nn.relu(conv_norm(x, f"pair_{pair}_conv_0"))
+            x = x + conv_norm(residual, f"pair_{pair}_conv_1")
+        x = nn.relu(conv_norm(x, "conv_2"))
+        return VolumeConv(1, dtype=self.dtype, name="score")(x)[..., 0].astype(jnp.float32)

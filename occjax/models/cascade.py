@@ -1,0 +1,238 @@
+"""OccCasNet: the occlusion-aware cascade of cost volumes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+from occjax.models.aggregation import Aggregation, ViewAttention
+from occjax.models.config import NetworkConfig
+from occjax.models.features import FeatureNetwork
+from occjax.ops import (
+    coarse_volume,
+    expected_disparity,
+    occlusion_maps,
+    occlusion_weights,
+    refined_volume,
+    view_offsets,
+)
+
+
+class StageOutput(NamedTuple):
+    """What one stage found.
+
+    Attributes:
+        disparity: ``[h, w]`` of the centre view, pixels per view step.
+        probabilities: ``[d, h, w]`` of the candidates.
+        candidates: ``[d]``; added to the disparity of the stage before, if there is one.
+        attention: ``[v, u]`` weight of each view, if the stage has attention.
+        occlusion: ``[v, u, h, w]`` occlusion maps in [0, 1], if the stage uses them.
+    """
+
+    disparity: Float[Array, "h w"]
+    probabilities: Float[Array, "d h w"]
+    candidates: Float[Array, " d"]
+    attention: Float[Array, "v u"] | None
+    occlusion: Float[Array, "v u h w"] | None
+
+
+class OccCasNet(nn.Module):
+    """Disparity of the centre view from a grid of grey views.
+
+    One light field, no batch axis: vmap ``apply`` over a batch with ``axis_name="batch"``, over
+    which BatchNorm then synchronises while training. ``variables`` is a plain dict.
+
+    Attributes:
+        config: The cascade.
+        dtype: Type of the convolutions (float32 or bfloat16); parameters, sampling positions and
+            regression stay float32.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> network = OccCasNet(preset("tiny"))
+        >>> views = jnp.zeros((3, 3, 16, 16))
+        >>> variables = jax.jit(network.init)(jax.random.key(0), views)
+        >>> [stage.disparity.shape for stage in network.apply(variables, views)]
+        [(16, 16), (16, 16)]
+    """
+
+    config: NetworkConfig
+    dtype: DTypeLike = jnp.float32
+
+    def setup(self) -> None:
+        """Name the parts."""
+        config = self.config
+        self.features = FeatureNetwork(config.features, dtype=self.dtype)
+        stages = config.stages[:1] if config.shared_aggregation else config.stages
+        self.attention = [
+            ViewAttention(config.views[0], config.attention_width) if stage.attention else None
+            for stage in stages
+        ]
+        self.aggregation = [
+            Aggregation(stage.width, stage.residual_pairs, dtype=self.dtype) for stage in stages
+        ]
+
+    def __call__(
+        self,
+        views: Float[Array, "v u h w"],
+        *,
+        train: bool = False,
+        candidates: Float[Array, " d"] | None = None,
+        ground_truth: Float[Array, "h w"] | None = None,
+    ) -> tuple[StageOutput, ...]:
+        """Estimate disparity, stage by stage.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1].
+            train: Normalise by batch statistics; needs ``mutable=["batch_stats"]`` and a vmapped
+                axis named ``"batch"``.
+            candidates: ``[d]`` disparities of the first stage in place of the configured ones. With
+                trained weights only their offset is free: a network knows its interval.
+            ground_truth: ``[h, w]`` disparity, needed where a stage's occlusion is
+                ``"ground_truth"``.
+
+        Returns:
+            One :class:`StageOutput` per stage; the last is the answer.
+
+        Raises:
+            ValueError: If the grid is not the configured one or a ground truth is missing.
+        """
+        features = self.extract(views, train=train)
+        outputs: list[StageOutput] = []
+        for index, stage in enumerate(self.config.stages):
+            before = outputs[-1].disparity if outputs else None
+            values = jnp.asarray(stage.candidates, jnp.float32)
+            if before is None and candidates is not None:
+                values = candidates
+            maps = self.occlusion(index, views, before, ground_truth)
+            volume = self.volume(features, values, before, maps)
+            attention = self.attend(index, volume.mean((0, 1, 2), dtype=jnp.float32))
+            scores = self.aggregate(index, volume, attention, train=train)
+            outputs.append(stage_output(scores, values, before, attention, maps))
+        return tuple(outputs)
+
+    def extract(
+        self, views: Float[Array, "v u h w"], *, train: bool = False
+    ) -> Float[Array, "v u h w c"]:
+        """Features of every view.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1]; any number of them.
+            train: Normalise by batch statistics.
+
+        Returns:
+            ``[v, u, h, w, c]``.
+        """
+        v, u, h, w = views.shape
+        images = views.reshape(v * u, h, w, 1)
+        # Pooling over views is the default because the running averages, which inference uses, are
+        # then averages of exactly what training normalised by, from V * U times as many samples.
+        # The published code calls the network once per view: each view is normalised by its own
+        # statistics and each call updates the averages, V * U times a step, so that they follow the
+        # last few steps only. "per_view" does just that.
+        if train and self.config.feature_statistics == "per_view":
+            features = self._extract_view_by_view(images)
+        else:
+            features = self.features(images, train=train)
+        return features.reshape(v, u, h, w, -1)
+
+    def _extract_view_by_view(self, images: Float[Array, "n h w 1"]) -> Float[Array, "n h w c"]:
+        def one_view(network, carry, image):
+            return carry, network(image[None], train=True)[0]
+
+        scan = nn.scan(one_view, variable_broadcast="params", variable_carry="batch_stats")
+        return scan(self.features, None, images)[1]
+
+    def occlusion(
+        self,
+        index: int,
+        views: Float[Array, "v u h w"],
+        before: Float[Array, "h w"] | None,
+        ground_truth: Float[Array, "h w"] | None = None,
+    ) -> Float[Array, "v u h w"] | None:
+        """Occlusion maps of a stage, or None if it uses none (eqs. 4 and 5).
+
+        Args:
+            index: Number of the stage.
+            views: ``[v, u, h, w]`` grey views in [0, 1].
+            before: ``[h, w]`` disparity of the stage before.
+            ground_truth: ``[h, w]`` disparity.
+
+        Returns:
+            ``[v, u, h, w]`` in [0, 1].
+
+        Raises:
+            ValueError: If the stage needs a ground truth and there is none.
+        """
+        source = self.config.stages[index].occlusion
+        if source == "none":
+            return None
+        disparity = ground_truth if source == "ground_truth" else before
+        if disparity is None:
+            raise ValueError("this network takes its occlusion maps from the ground truth; pass it")
+        return occlusion_maps(views[..., None], disparity, offsets=self.warp_offsets())
+
+    def volume(
+        self,
+        features: Float[Array, "v u h w c"],
+        candidates: Float[Array, " d"],
+        before: Float[Array, "h w"] | None,
+        maps: Float[Array, "v u h w"] | None,
+    ) -> Float[Array, "d h w k"]:
+        """Cost volume of a stage: coarse if there is no disparity before it, else refined."""
+        if before is None:
+            return coarse_volume(features, candidates)
+        weights = None if maps is None else occlusion_weights(maps)
+        return refined_volume(
+            features, before, candidates, weights=weights, offsets=self.warp_offsets()
+        )
+
+    def warp_offsets(self) -> Float[Array, "v u 2"]:
+        """Offsets of the views as the per-pixel warp takes them."""
+        offsets = view_offsets(*self.config.views)
+        return offsets[..., ::-1] if self.config.warp == "transposed" else offsets
+
+    def attend(self, index: int, mean: Float[Array, " k"]) -> Float[Array, "v u"] | None:
+        """Weight of each view from the mean over a stage's volume, or None without attention."""
+        attention = self.attention[self._part(index)]
+        return None if attention is None else attention(mean)
+
+    def aggregate(
+        self,
+        index: int,
+        volume: Float[Array, "d h w k"],
+        attention: Float[Array, "v u"] | None,
+        *,
+        train: bool = False,
+    ) -> Float[Array, "d h w"]:
+        """Scores of a stage's candidates from its volume, its views weighted by attention."""
+        if attention is not None:
+            per_channel = jnp.repeat(attention.reshape(-1), self.config.features.channels)
+            volume = volume * per_channel.astype(volume.dtype)[None, None, None]
+        return self.aggregation[self._part(index)](volume, train=train)
+
+    def _part(self, index: int) -> int:
+        return 0 if self.config.shared_aggregation else index
+
+
+def stage_output(
+    scores: Float[Array, "d h w"],
+    candidates: Float[Array, " d"],
+    before: Float[Array, "h w"] | None,
+    attention: Float[Array, "v u"] | None,
+    occlusion: Float[Array, "v u h w"] | None,
+) -> StageOutput:
+    """Regression (eqs. 8 and 9).
+
+    The sign of the cost is learned: the published code takes softmax(C), not softmax(-C).
+    """
+    probabilities = jax.nn.softmax(scores, axis=0)
+    disparity = expected_disparity(probabilities, candidates)
+    if before is not None:
+        disparity = before + disparity
+    return StageOutput(disparity, probabilities, candidates, attention, occlusion)
