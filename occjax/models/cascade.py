@@ -185,9 +185,9 @@ class OccCasNet(nn.Module):
         maps: Float[Array, "v u h w"] | None,
     ) -> Float[Array, "d h w k"]:
         """Cost volume of a stage: coarse if there is no disparity before it, else refined."""
-        if before is None:
-            return coarse_volume(features, candidates)
         weights = None if maps is None else occlusion_weights(maps)
+        if before is None:
+            return coarse_volume(features, candidates, weights=weights)
         return refined_volume(
             features, before, candidates, weights=weights, offsets=self.warp_offsets()
         )

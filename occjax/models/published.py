@@ -148,7 +148,9 @@ def _layers_in_creation_order(config: NetworkConfig) -> Iterator[_Layer]:
         yield norm("features", f"{name}_norm")
     yield convolution("conv2d", "features", "output")
 
-    for index, stage in enumerate(config.stages[:1] if config.shared_aggregation else config.stages):
+    for index, stage in enumerate(
+        config.stages[:1] if config.shared_aggregation else config.stages
+    ):
         if stage.attention:
             for name in ("hidden", "octant"):
                 yield _Layer("conv3d", (f"attention_{index}", name), ("kernel", "bias"))

@@ -68,7 +68,9 @@ def load_weights(
         )
     variables, stored = _load_safetensors(path)
     if config is not None and dataclasses.replace(config, warp=stored.warp) != stored:
-        raise InputError(f"{path}: was made for another network: {_first_difference(config, stored)}")
+        raise InputError(
+            f"{path}: was made for another network: {_first_difference(config, stored)}"
+        )
     return variables, stored if warp is None else dataclasses.replace(stored, warp=warp)
 
 

@@ -17,16 +17,21 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 Border = Literal["replicate", "zero"]
+
+Rows = tuple[int | Int[Array, ""], int]
+"""First row (may be traced) and number of rows (static) of a strip of the centre view."""
 
 
 def shift(
     image: Float[Array, "h w c"],
     disparity: Float[Array, ""],
     offset: Float[Array, "2"],
-) -> Float[Array, "h w c"]:
+    *,
+    rows: Rows | None = None,
+) -> Float[Array, "r w c"]:
     """Bring a view into register with the centre view, for one disparity of the whole image.
 
     ``result[y, x] = image(y - disparity * offset[0], x - disparity * offset[1])``, bilinear, where
@@ -36,9 +41,10 @@ def shift(
         image: ``[h, w, c]`` view or feature map.
         disparity: ``[]`` pixels per view step.
         offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
+        rows: First row and number of rows r of the result; all h by default.
 
     Returns:
-        ``[h, w, c]`` shifted image.
+        ``[r, w, c]`` shifted image.
 
     Example:
         >>> ramp = jnp.arange(4.0)[None, :, None]
@@ -46,6 +52,7 @@ def shift(
         [0.5, 1.5, 2.5, 1.5]
     """
     h, w, _ = image.shape
+    first, count = (0, h) if rows is None else rows
     displacement = -_coordinates(disparity) * _coordinates(offset)
     whole = jnp.floor(displacement)
     fraction = (displacement - whole).astype(image.dtype)
@@ -54,34 +61,37 @@ def shift(
     row, column = jnp.clip(jax.lax.stop_gradient(whole), -size - 1.0, size).astype(jnp.int32)
     padded = jnp.pad(image, ((h + 1, h + 1), (w + 1, w + 1), (0, 0)))
     taps = jax.lax.dynamic_slice(
-        padded, (row + h + 1, column + w + 1, 0), (h + 1, w + 1, image.shape[2])
+        padded, (row + h + 1 + first, column + w + 1, 0), (count + 1, w + 1, image.shape[2])
     )
     one = jnp.ones((), image.dtype)
-    rows = taps[:-1] * (one - fraction[0]) + taps[1:] * fraction[0]
-    return rows[:, :-1] * (one - fraction[1]) + rows[:, 1:] * fraction[1]
+    between_rows = taps[:-1] * (one - fraction[0]) + taps[1:] * fraction[0]
+    left, right = between_rows[:, :-1], between_rows[:, 1:]
+    return left * (one - fraction[1]) + right * fraction[1]
 
 
 def warp(
     image: Float[Array, "h w c"],
-    disparity: Float[Array, "h w"],
+    disparity: Float[Array, "r w"],
     offset: Float[Array, "2"],
     *,
     border: Border = "replicate",
-) -> Float[Array, "h w c"]:
+    first_row: int | Int[Array, ""] = 0,
+) -> Float[Array, "r w c"]:
     """Warp a view to the centre view by a disparity map of the centre view (eq. 4).
 
     ``result[y, x] = image(y - d[y, x] * offset[0], x - d[y, x] * offset[1])``, bilinear.
 
     Args:
         image: ``[h, w, c]`` view or feature map, at least 2x2 pixels.
-        disparity: ``[h, w]`` pixels per view step.
+        disparity: ``[r, w]`` of all or some rows of the centre view, pixels per view step.
         offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
         border: ``"replicate"`` clamps the base tap to ``[0, size - 2]`` and the fraction to
             ``[0, 1]``, so that the border is repeated outwards; ``"zero"`` reads taps outside the
             image as zero, as :func:`shift` does.
+        first_row: Row of the centre view at which ``disparity`` begins.
 
     Returns:
-        ``[h, w, c]`` warped image.
+        ``[r, w, c]`` warped image.
 
     Example:
         >>> ramp = jnp.tile(jnp.arange(4.0)[None, :, None], (2, 1, 1))
@@ -91,7 +101,8 @@ def warp(
     h, w, _ = image.shape
     displacement = _coordinates(disparity)
     offset = _coordinates(offset)
-    y = jnp.arange(h, dtype=displacement.dtype)[:, None] - displacement * offset[0]
+    y = first_row + jnp.arange(disparity.shape[0])
+    y = y.astype(displacement.dtype)[:, None] - displacement * offset[0]
     x = jnp.arange(w, dtype=displacement.dtype)[None, :] - displacement * offset[1]
     if border == "zero":
         image = jnp.pad(image, ((1, 1), (1, 1), (0, 0)))

@@ -17,10 +17,10 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from occjax.ops.geometry import view_offsets
-from occjax.ops.sampling import Border, shift, warp
+from occjax.ops.sampling import Border, Rows, shift, warp
 
 Combine = Callable[
     [Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "h w k"]
@@ -119,22 +119,27 @@ def coarse_volume(
     features: Float[Array, "v u h w c"],
     candidates: Float[Array, " d"],
     *,
+    weights: Float[Array, "v u r w"] | None = None,
     offsets: Float[Array, "v u 2"] | None = None,
     combine: Combine = concatenate,
     streamed: bool = False,
-) -> Float[Array, "d h w k"]:
+    rows: Rows | None = None,
+) -> Float[Array, "d r w k"]:
     """Cost volume of whole-image sub-pixel shifts (eq. 2, shift-and-concat).
 
     Args:
         features: ``[v, u, h, w, c]`` features (or the images) of the views.
         candidates: ``[d]`` disparity candidates, pixels per view step.
+        weights: ``[v, u, r, w]`` weight of each view at each pixel of the centre view.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
         combine: What becomes of the registered views at one candidate.
         streamed: One candidate after the other (little memory) instead of all at once.
+        rows: First row and number of rows r of the centre view to compute; all by default. An image
+            too large for memory is done strip by strip.
 
     Returns:
-        ``[d, h, w, k]``, k as ``combine`` has it. Taps outside a view read zero.
+        ``[d, r, w, k]``, k as ``combine`` has it. Taps outside a view read zero.
 
     Example:
         >>> features = jnp.zeros((3, 3, 8, 8, 4))
@@ -144,39 +149,43 @@ def coarse_volume(
     offsets = _offsets(features, offsets)
 
     def plane(candidate):
-        register = jax.vmap(jax.vmap(shift, (0, None, 0)), (0, None, 0))
-        return combine(register(features, candidate, offsets), None)
+        def to_centre(view, offset):
+            return shift(view, candidate, offset, rows=rows)
+
+        return combine(jax.vmap(jax.vmap(to_centre))(features, offsets), weights)
 
     return _over_candidates(plane, candidates, streamed)
 
 
 def refined_volume(
     features: Float[Array, "v u h w c"],
-    disparity: Float[Array, "h w"],
+    disparity: Float[Array, "r w"],
     candidates: Float[Array, " d"],
     *,
-    weights: Float[Array, "v u h w"] | None = None,
+    weights: Float[Array, "v u r w"] | None = None,
     offsets: Float[Array, "v u 2"] | None = None,
     combine: Combine = concatenate,
     border: Border = "replicate",
     streamed: bool = False,
-) -> Float[Array, "d h w k"]:
+    first_row: int | Int[Array, ""] = 0,
+) -> Float[Array, "d r w k"]:
     """Cost volume of per-pixel warps around a disparity map (eqs. 3 and 7).
 
     Args:
         features: ``[v, u, h, w, c]`` features (or the images) of the views.
-        disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
+        disparity: ``[r, w]`` of all or some rows of the centre view, pixels per view step.
         candidates: ``[d]`` residual candidates, added to the disparity of each pixel.
-        weights: ``[v, u, h, w]`` weight of each view at each pixel of the centre view, for instance
+        weights: ``[v, u, r, w]`` weight of each view at each pixel of the centre view, for instance
             :func:`occjax.ops.occlusion_weights` (eq. 6).
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
         combine: What becomes of the registered views at one candidate.
         border: What lies outside a view, see :func:`occjax.ops.warp`.
         streamed: One candidate after the other (little memory) instead of all at once.
+        first_row: Row of the centre view at which ``disparity`` begins.
 
     Returns:
-        ``[d, h, w, k]``, k as ``combine`` has it.
+        ``[d, r, w, k]``, k as ``combine`` has it.
 
     Example:
         >>> features, disparity = jnp.zeros((3, 3, 8, 8, 4)), jnp.zeros((8, 8))
@@ -185,7 +194,9 @@ def refined_volume(
     """
 
     def plane(candidate):
-        registered = warp_views(features, disparity + candidate, offsets=offsets, border=border)
+        registered = warp_views(
+            features, disparity + candidate, offsets=offsets, border=border, first_row=first_row
+        )
         return combine(registered, weights)
 
     return _over_candidates(plane, candidates, streamed)
@@ -193,22 +204,24 @@ def refined_volume(
 
 def warp_views(
     views: Float[Array, "v u h w c"],
-    disparity: Float[Array, "h w"],
+    disparity: Float[Array, "r w"],
     *,
     offsets: Float[Array, "v u 2"] | None = None,
     border: Border = "replicate",
-) -> Float[Array, "v u h w c"]:
+    first_row: int | Int[Array, ""] = 0,
+) -> Float[Array, "v u r w c"]:
     """Warp every view to the centre view by the centre view's disparity (eq. 4).
 
     Args:
         views: ``[v, u, h, w, c]`` views or their features.
-        disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
+        disparity: ``[r, w]`` of all or some rows of the centre view, pixels per view step.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
         border: What lies outside a view, see :func:`occjax.ops.warp`.
+        first_row: Row of the centre view at which ``disparity`` begins.
 
     Returns:
-        ``[v, u, h, w, c]`` warped views; with the true disparity, all alike but for occlusions.
+        ``[v, u, r, w, c]`` warped views; with the true disparity, all alike but for occlusions.
 
     Example:
         >>> warp_views(jnp.ones((3, 3, 4, 4, 1)), jnp.zeros((4, 4))).shape
@@ -216,7 +229,7 @@ def warp_views(
     """
 
     def to_centre(view, offset):
-        return warp(view, disparity, offset, border=border)
+        return warp(view, disparity, offset, border=border, first_row=first_row)
 
     return jax.vmap(jax.vmap(to_centre))(views, _offsets(views, offsets))
 

@@ -1,0 +1,163 @@
+"""OccCasNet on images of any size in bounded memory.
+
+The aggregation, which takes nearly all of the memory and time, is computed in strips of rows. A
+strip is read with a halo as wide as the aggregation's receptive field, so its inner rows are those
+of the whole image. Two things look at the whole image and are computed before: the features (their
+spatial pyramid reaches far) and the mean over the volume from which the view attention is made.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float, Int
+
+from occjax.models import NetworkConfig, OccCasNet, StageOutput
+from occjax.models.cascade import stage_output
+from occjax.ops import (
+    coarse_volume,
+    concatenate,
+    occlusion_weights,
+    refined_volume,
+    view_offsets,
+)
+
+
+def infer(
+    variables: dict,
+    views: Float[Array, "v u h w"],
+    config: NetworkConfig,
+    *,
+    candidates: Float[Array, " d"] | None = None,
+    ground_truth: Float[Array, "h w"] | None = None,
+    dtype: DTypeLike = jnp.float32,
+    strip_rows: int = 64,
+) -> tuple[StageOutput, ...]:
+    """What ``OccCasNet(config).apply(variables, views)`` computes, strip by strip.
+
+    A pure function: jit it (``config``, ``dtype`` and ``strip_rows`` static), vmap it,
+    differentiate it.
+
+    Args:
+        variables: Of :class:`occjax.models.OccCasNet`.
+        views: ``[v, u, h, w]`` grey views in [0, 1].
+        config: The network.
+        candidates: ``[d]`` disparities of the first stage in place of the configured ones.
+        ground_truth: ``[h, w]`` disparity, for networks whose occlusion maps come from it.
+        dtype: Type of the convolutions.
+        strip_rows: Rows computed at a time; memory is proportional to this plus twice the halo.
+
+    Returns:
+        One :class:`StageOutput` per stage; the last is the answer.
+
+    Raises:
+        ValueError: If the grid is not the configured one or a ground truth is missing.
+    """
+    if views.shape[:2] != config.views:
+        raise ValueError(f"the network takes {config.views} views, not {views.shape[:2]}")
+    network = OccCasNet(config, dtype=dtype)
+
+    def method(name, *args):
+        return network.apply(variables, *args, method=name)
+
+    # A row of views at a time: 40 channels of all views at once would be gigabytes.
+    features = jax.lax.map(lambda row: method("extract", row[None])[0], views)
+    outputs: list[StageOutput] = []
+    for index, stage in enumerate(config.stages):
+        before = outputs[-1].disparity if outputs else None
+        values = jnp.asarray(stage.candidates, jnp.float32)
+        if before is None and candidates is not None:
+            values = candidates
+        maps = method("occlusion", index, views, before, ground_truth)
+        volume = _StageVolume(features, values, before, maps, _offsets(network, before))
+        attention = method("attend", index, volume.channel_means()) if stage.attention else None
+        scores = _in_strips(
+            lambda first, rows, index=index, volume=volume, attention=attention: method(
+                "aggregate", index, volume.strip(first, rows, attention), None
+            ),
+            height=views.shape[2],
+            rows=strip_rows,
+            halo=stage.halo,
+        )
+        outputs.append(stage_output(scores, values, before, attention, maps))
+    return tuple(outputs)
+
+
+def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:
+    return view_offsets(*network.config.views) if before is None else network.warp_offsets()
+
+
+class _StageVolume:
+    """The cost volume of a stage, computed in parts."""
+
+    def __init__(self, features, candidates, before, maps, offsets):
+        self.features, self.candidates, self.before = features, candidates, before
+        self.weights = None if maps is None else occlusion_weights(maps)
+        self.offsets = offsets
+
+    def channel_means(self) -> Float[Array, " k"]:
+        """Mean of each channel over candidates and pixels, one row of views at a time."""
+
+        def mean_of_plane(views, weights):
+            plane = concatenate(views, weights)
+            return plane.mean((0, 1), keepdims=True, dtype=jnp.float32)
+
+        def row_of_views(row):
+            features, offsets, weights = jax.tree.map(lambda array: array[None], row)
+            options = {
+                "weights": weights,
+                "offsets": offsets,
+                "combine": mean_of_plane,
+                "streamed": True,
+            }
+            if self.before is None:
+                means = coarse_volume(features, self.candidates, **options)
+            else:
+                means = refined_volume(features, self.before, self.candidates, **options)
+            return means.mean((0, 1, 2))
+
+        return jax.lax.map(row_of_views, (self.features, self.offsets, self.weights)).reshape(-1)
+
+    def strip(
+        self, first: Int[Array, ""], rows: int, attention: Float[Array, "v u"] | None
+    ) -> Float[Array, "d r w k"]:
+        """Some rows of the volume, each view weighted by attention."""
+
+        def cut(array, axis):
+            return jax.lax.dynamic_slice_in_dim(array, first, rows, axis)
+
+        weights = None if self.weights is None else cut(self.weights, 2)
+        if attention is not None:
+            per_view = attention[:, :, None, None]
+            shape = (*attention.shape, rows, self.features.shape[3])
+            weights = jnp.broadcast_to(per_view, shape) if weights is None else weights * per_view
+        options = {"weights": weights, "offsets": self.offsets, "streamed": True}
+        if self.before is None:
+            return coarse_volume(self.features, self.candidates, rows=(first, rows), **options)
+        before = cut(self.before, 0)
+        return refined_volume(self.features, before, self.candidates, first_row=first, **options)
+
+
+def _in_strips(compute, *, height: int, rows: int, halo: int) -> Float[Array, "d h w"]:
+    """Assemble ``compute(first_row, number_of_rows) -> [d, r, w]`` over the whole height.
+
+    All strips have one size and lie within the image: where a strip ends, the image ends too (and
+    the zero padding there is right) or at least ``halo`` further rows were read.
+    """
+    if height <= rows + 2 * halo:
+        return compute(jnp.int32(0), height)
+    kept = np.minimum(np.arange(0, height, rows), height - rows)  # the last one overlaps
+    read = np.clip(kept - halo, 0, height - rows - 2 * halo)
+
+    def strip(starts):
+        kept, read = starts
+        return jax.lax.dynamic_slice_in_dim(
+            compute(read, rows + 2 * halo), kept - read, rows, axis=1
+        )
+
+    strips = jax.lax.map(strip, (jnp.asarray(kept, jnp.int32), jnp.asarray(read, jnp.int32)))
+    inner = jnp.moveaxis(strips[:-1], 0, 1).reshape(strips.shape[1], -1, strips.shape[3])
+    overlap = inner.shape[1] - int(kept[-1])
+    return jnp.concatenate([inner, strips[-1][:, overlap:]], axis=1)
