@@ -120,12 +120,9 @@ class LightField:
 
     def grey(self) -> np.ndarray:
         """``[V, U, H, W]`` float32 grey views in [0, 1]: 0.299 R + 0.587 G + 0.114 B."""
-        if self.views.shape[-1] == 1:
-            return to_unit_float(self.views[..., 0])
         grey = np.empty(self.views.shape[:-1], np.float32)
-        weights = np.asarray(GREY_WEIGHTS, np.float32)
         for v, u in np.ndindex(*self.grid):  # view by view: the float colour copy is never whole
-            grey[v, u] = to_unit_float(self.views[v, u]) @ weights
+            grey[v, u] = to_grey(self.views[v, u])
         return grey
 
     def central(self, rows: int, columns: int) -> LightField:
@@ -148,3 +145,10 @@ def to_unit_float(images: np.ndarray) -> np.ndarray:
     if np.issubdtype(images.dtype, np.integer):
         return images.astype(np.float32) / np.float32(np.iinfo(images.dtype).max)
     return images.astype(np.float32, copy=False)
+
+
+def to_grey(images: np.ndarray) -> np.ndarray:
+    """``[..., C]`` images as ``[...]`` float32 grey in [0, 1]: 0.299 R + 0.587 G + 0.114 B."""
+    if images.shape[-1] == 1:
+        return to_unit_float(images[..., 0])
+    return to_unit_float(images) @ np.asarray(GREY_WEIGHTS, np.float32)

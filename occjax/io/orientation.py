@@ -1,0 +1,142 @@
+"""The eight ways in which a grid of views can be laid out, and how to undo each.
+
+Files list views row by row or column by column, rows downwards or upwards, columns rightwards or
+leftwards. The convention of :mod:`occjax.lightfield` is one of the eight.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.lightfield import LightField
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """What to do to a grid of views: first swap its axes, then flip them.
+
+    Attributes:
+        swap: The first index of the grid is the view column, not the row.
+        flip_rows: After the swap, view rows run from bottom to top.
+        flip_columns: After the swap, view columns run from right to left.
+    """
+
+    swap: bool = False
+    flip_rows: bool = False
+    flip_columns: bool = False
+
+    @property
+    def name(self) -> str:
+        """In words, e.g. ``"rows and columns swapped, rows flipped"``.
+
+        Example:
+            >>> Orientation(swap=True, flip_rows=True).name
+            'rows and columns swapped, rows flipped'
+        """
+        parts = []
+        if self.swap:
+            parts.append("rows and columns swapped")
+        if self.flip_rows and self.flip_columns:
+            parts.append("rows and columns flipped")
+        elif self.flip_rows:
+            parts.append("rows flipped")
+        elif self.flip_columns:
+            parts.append("columns flipped")
+        return ", ".join(parts) or "as declared"
+
+    @property
+    def order(self) -> str:
+        """``"uv"`` if the axes are swapped, else ``"vu"``."""
+        return "uv" if self.swap else "vu"
+
+    @property
+    def flip(self) -> str:
+        """The flipped axes: ``""``, ``"v"``, ``"u"`` or ``"vu"``."""
+        return "v" * self.flip_rows + "u" * self.flip_columns
+
+    @property
+    def reversed_sign(self) -> Orientation:
+        """Both axes flipped in addition, which is what negating disparity does."""
+        return Orientation(self.swap, not self.flip_rows, not self.flip_columns)
+
+    def then(self, other: Orientation) -> Orientation:
+        """This orientation followed by another one, as one.
+
+        Example:
+            >>> swap, rows = Orientation(swap=True), Orientation(flip_rows=True)
+            >>> rows.then(swap).name
+            'rows and columns swapped, columns flipped'
+        """
+        rows, columns = self.flip_rows, self.flip_columns
+        if other.swap:
+            rows, columns = columns, rows
+        return Orientation(
+            self.swap != other.swap, rows != other.flip_rows, columns != other.flip_columns
+        )
+
+    def apply(self, light_field: LightField) -> LightField:
+        """The light field with its grid laid out this way.
+
+        Camera positions follow the views: swapping exchanges their two components, flipping an
+        axis negates one. Ground truth stays, since it belongs to the centre view; on a grid of
+        even size a flip makes another view the centre, so there it is dropped.
+        """
+        views = np.ascontiguousarray(self._lay_out(light_field.views))
+        positions, ground_truth = light_field.positions, light_field.ground_truth
+        if positions is not None:
+            positions = self._lay_out(positions[..., ::-1] if self.swap else positions)
+            signs = np.where([self.flip_rows, self.flip_columns], -1.0, 1.0)
+            positions = positions * signs.astype(positions.dtype)
+            rows, columns = views.shape[:2]
+            positions = positions - positions[rows // 2, columns // 2]
+        rows, columns = views.shape[:2]
+        if (self.flip_rows and rows % 2 == 0) or (self.flip_columns and columns % 2 == 0):
+            ground_truth = None
+        return dataclasses.replace(
+            light_field, views=views, positions=positions, ground_truth=ground_truth
+        )
+
+    def _lay_out(self, grid: np.ndarray) -> np.ndarray:
+        """Any array whose first two axes are the grid."""
+        if self.swap:
+            grid = grid.swapaxes(0, 1)
+        if self.flip_rows:
+            grid = grid[::-1]
+        if self.flip_columns:
+            grid = grid[:, ::-1]
+        return grid
+
+
+ORIENTATIONS = tuple(
+    Orientation(swap, rows, columns)
+    for swap, rows, columns in itertools.product((False, True), repeat=3)
+)
+"""All eight, the convention itself first."""
+
+
+def declared_orientation(order: str, flip: str) -> Orientation:
+    """The orientation that a user declares.
+
+    Args:
+        order: ``"vu"`` if the first index of the files is the view row, ``"uv"`` if it is the view
+            column.
+        flip: Axes that run backwards once the order is right: any of ``"v"`` (rows run from bottom
+            to top) and ``"u"`` (columns run from right to left).
+
+    Raises:
+        InputError: If either is anything else.
+
+    Example:
+        >>> declared_orientation("uv", "v")
+        Orientation(swap=True, flip_rows=True, flip_columns=False)
+    """
+    if order not in ("vu", "uv"):
+        raise InputError(f"order is {order!r}; it must be 'vu' (row first) or 'uv' (column first)")
+    if flip not in ("", "v", "u", "vu", "uv"):
+        raise InputError(f"flip is {flip!r}; it must be '', 'v' (rows), 'u' (columns) or 'vu'")
+    return Orientation(order == "uv", "v" in flip, "u" in flip)
