@@ -1,0 +1,95 @@
+"""The reference is itself checked, against the published implementation's activations."""
+
+import numpy as np
+import pytest
+
+from tests.reference.make_fixture import answers, load_fixture
+from tests.reference.network import Weights, average_pool, mirror, resize
+from tests.reference.published_layout import (
+    published_shapes,
+    read_published_layout,
+    write_published_layout,
+)
+
+LIMITS = {
+    "feature_center": 1e-4,
+    "attention_coarse": 1e-4,
+    "attention_refined": 1e-4,
+    "occlusion_weight": 1e-4,
+    "coarse_volume_sample": 1e-4,
+    "refined_volume_sample": 5e-3,
+    "coarse_prob": 1e-3,
+    "refined_prob": 1e-3,
+    "disparity_coarse": 1e-3,
+    "disparity_refined": 1e-3,
+}
+"""Largest difference allowed from activations that were computed in float32."""
+
+
+def test_reference_agrees_with_the_published_implementation(shared):
+    folder = shared / "parity"
+    weights = Weights.from_names(read_published_layout(folder / "official_layout_weights.h5"))
+    light_field = np.load(folder / "correct_warp.npz")["light_field"]
+    found = answers(weights, light_field, np.linspace(-4.0, 4.0, 33), np.linspace(-0.5, 0.5, 9))
+    for warp in ("correct", "transposed"):
+        with np.load(folder / f"{warp}_warp.npz") as published:
+            assert set(published) == {"light_field", *LIMITS}
+            for name, limit in LIMITS.items():
+                difference = np.abs(found[warp][name] - published[name])
+                assert difference.max() <= limit, (warp, name)
+                if name.startswith("disparity"):
+                    assert difference.mean() <= 5e-5, (warp, name)
+
+
+def test_fixture_is_what_the_reference_computes():
+    weights, fixture = load_fixture()
+    found = answers(
+        Weights.from_names(weights),
+        fixture["light_field"],
+        fixture["coarse_candidates"],
+        fixture["refined_candidates"],
+    )
+    for warp, named in found.items():
+        assert {f"{warp}/{name}" for name in named} == {k for k in fixture if k.startswith(warp)}
+        for name, array in named.items():
+            np.testing.assert_allclose(array, fixture[f"{warp}/{name}"], rtol=1e-5, atol=1e-6)
+
+
+def test_names_and_shapes_are_those_of_the_published_layout(shared):
+    published = read_published_layout(shared / "parity" / "official_layout_weights.h5")
+    shapes = published_shapes()
+    assert list(shapes) == list(published)
+    assert shapes == {name: array.shape for name, array in published.items()}
+
+
+def test_published_shapes_hold_the_published_number_of_values():
+    assert sum(np.prod(shape) for shape in published_shapes().values()) == 4_792_658
+
+
+@pytest.mark.parametrize("first_number", [0, 7])
+def test_a_written_file_reads_back_the_same_weights(tmp_path, first_number):
+    weights, _ = load_fixture()
+    write_published_layout(tmp_path / "small.h5", weights, first_number=first_number)
+    read = read_published_layout(tmp_path / "small.h5")
+    assert (list(read) == list(weights)) == (first_number == 0)
+    for found, expected in zip(read.values(), weights.values(), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    kernels = Weights.from_names(read).conv2d
+    for found, expected in zip(kernels, Weights.from_names(weights).conv2d, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_pooling_counts_only_pixels_inside_the_image():
+    image = np.arange(5.0)[None, :, None, None]
+    assert average_pool(image, 4)[0, :, 0, 0].tolist() == [1.0, 3.5]
+    assert average_pool(image, 16)[0, :, 0, 0].tolist() == [2.0]
+
+
+def test_resizing_keeps_the_corners():
+    image = np.array([0.0, 2.0, 10.0])[None, :, None, None]
+    assert resize(image, (5, 1))[0, :, 0, 0].tolist() == [0.0, 1.0, 2.0, 6.0, 10.0]
+
+
+def test_attention_is_symmetric_and_mirrored():
+    expected = [[0, 1, 2, 1, 0], [1, 3, 4, 3, 1], [2, 4, 5, 4, 2], [1, 3, 4, 3, 1], [0, 1, 2, 1, 0]]
+    assert mirror(np.arange(6.0), (5, 5)).tolist() == expected
