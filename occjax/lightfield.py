@@ -4,11 +4,11 @@ Conventions of the whole library (every other module refers to these):
 
 * ``views[v, u, y, x, c]``: ``v`` is the angular row, top to bottom; ``u`` the angular column, left
   to right; ``y`` and ``x`` the pixel row and column; ``c`` the colour channel.
-* The centre view, whose disparity is estimated, is ``v0 = V // 2``, ``u0 = U // 2``: the middle of an
-  odd grid, the view below and right of the middle of an even one.
+* The centre view, whose disparity is estimated, is ``v0 = V // 2``, ``u0 = U // 2``: the middle of
+  an odd grid, the view below and right of the middle of an even one.
 * Disparity ``d`` is in pixels per view step with the sign of the HCI 4D benchmark: what the centre
-  view sees at ``(y, x)``, view ``(v, u)`` sees at ``(y - d * (v - v0), x - d * (u - u0))``. Rows move
-  with ``v``, columns with ``u``; nearer points have larger disparity.
+  view sees at ``(y, x)``, view ``(v, u)`` sees at ``(y - d * (v - v0), x - d * (u - u0))``. Rows
+  move with ``v``, columns with ``u``; nearer points have larger disparity.
 """
 
 from __future__ import annotations
@@ -73,8 +73,9 @@ class LightField:
         calibration: Camera parameters, if the source has them.
         disparity_range: ``(minimum, maximum)`` in pixels per view step, if the source says.
         ground_truth: ``[H, W]`` float32 disparity of the centre view, if present.
-        positions: ``[V, U, 2]`` camera positions ``(row, column)`` of an irregular (gantry) grid, in
-            steps of the mean spacing, relative to the centre view; None for a regular grid.
+        positions: ``[V, U, 2]`` float32 camera positions ``(row, column)`` of an irregular (gantry)
+            grid, in steps of the mean spacing, relative to the centre view; None for a regular
+            grid.
         source: Where the light field was read from.
     """
 

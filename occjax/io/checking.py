@@ -91,8 +91,8 @@ def check(light_field: LightField) -> OrientationReport:
         >>> wall = np.add.outer(rows, columns)[None, ..., None] / 2
         >>> views = np.stack([[np.roll(wall[0], (-v, -u), (0, 1)) for u in (-1, 0, 1)]
         ...                   for v in (-1, 0, 1)])  # disparity 1 everywhere
-        >>> check(LightField(views[:, ::-1])).best.name
-        'columns flipped'
+        >>> check(LightField(views[::-1])).best.name
+        'rows flipped'
     """
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: one view has no order to check; give at least two")

@@ -1,0 +1,175 @@
+"""Light fields as NumPy arrays: ``.npz`` and ``.npy``."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.io.atomic import atomic_path
+from occjax.io.files import reading
+from occjax.lightfield import LightField
+
+EXTRAS = ("ground_truth", "disparity_range", "positions")
+"""Fields of a light field that an ``.npz`` may have beside ``views``."""
+
+
+def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
+    """Read a light field from ``.npz`` or ``.npy``.
+
+    Args:
+        path: File with views ``[V, U, H, W]`` or ``[V, U, H, W, C]``: uint8, uint16, or floating
+            point in [0, 1]; a fourth channel (alpha) is dropped. An ``.npz`` keeps them under
+            ``views`` or as its only array, and may have ``ground_truth`` ``[H, W]``,
+            ``disparity_range`` ``[2]`` and ``positions`` ``[V, U, 2]`` beside ``views``.
+        key: Name of the views in the ``.npz``, if another.
+
+    Raises:
+        InputError: If the file cannot be read or its values are no light field.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "views.npy"
+        >>> np.save(path, np.zeros((3, 3, 8, 8), np.uint8))
+        >>> read_arrays(path).views.shape
+        (3, 3, 8, 8, 1)
+    """
+    path = Path(path)
+    arrays = _arrays(path)
+    views = check_views(path, _choose(path, arrays, key))
+    with_views = arrays if key or "views" in arrays else {}
+    extras = {name: with_views[name] for name in EXTRAS if name in with_views}
+    if "ground_truth" in extras:
+        extras["ground_truth"] = check_ground_truth(path, extras["ground_truth"], views.shape[2:4])
+    if "disparity_range" in extras:
+        low, high = _pair(path, extras["disparity_range"])
+        extras["disparity_range"] = (low, high)
+    if "positions" in extras:
+        if extras["positions"].shape != (*views.shape[:2], 2):
+            raise InputError(
+                f"{path}: positions are {list(extras['positions'].shape)}, not [V, U, 2]; "
+                "write one (row, column) for each view"
+            )
+        extras["positions"] = extras["positions"].astype(np.float32)
+    return LightField(views=views, name=path.stem, source=path, **extras)
+
+
+def write_arrays(path: str | Path, light_field: LightField) -> None:
+    """Write a light field to an ``.npz`` that :func:`read_arrays` reads, atomically.
+
+    Calibration is not kept.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "scene.npz"
+        >>> write_arrays(path, LightField(np.zeros((3, 3, 8, 8, 3), np.uint8)))
+        >>> read_arrays(path).grid
+        (3, 3)
+    """
+    fields = {name: getattr(light_field, name) for name in EXTRAS}
+    present = {name: np.asarray(value) for name, value in fields.items() if value is not None}
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, views=light_field.views, **present)
+
+
+def check_views(path: Path, views: np.ndarray) -> np.ndarray:
+    """Views as ``[V, U, H, W, C]`` uint8, uint16 or float32 in [0, 1], with C of 1 or 3.
+
+    Raises:
+        InputError: If shape, type or values are none that a light field can have.
+    """
+    if views.ndim == 4:
+        views = views[..., None]
+    if views.ndim != 5 or views.shape[-1] not in (1, 2, 3, 4) or 0 in views.shape:
+        raise InputError(
+            f"{path}: views are {list(views.shape)}; reorder them to [V, U, H, W] or "
+            "[V, U, H, W, C] with 1 or 3 channels"
+        )
+    views = views[..., : 1 if views.shape[-1] < 3 else 3]
+    if views.dtype in (np.uint8, np.uint16):
+        return np.ascontiguousarray(views)
+    if not np.issubdtype(views.dtype, np.floating):
+        raise InputError(
+            f"{path}: views are {views.dtype}; save them as uint8, uint16 or float in [0, 1]"
+        )
+    low, high = views.min(), views.max()
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise InputError(f"{path}: pixels are NaN or infinite; replace them, e.g. by nan_to_num")
+    if low < 0.0 or high > 1.0:
+        raise InputError(
+            f"{path}: floating point pixels reach from {low:.4g} to {high:.4g}; "
+            "scale and clip them to [0, 1]"
+        )
+    return np.ascontiguousarray(views, np.float32)
+
+
+def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """Ground truth as ``[H, W]`` float32.
+
+    Raises:
+        InputError: If it is not of the size of the views.
+    """
+    if disparity.shape != tuple(size) or not np.issubdtype(disparity.dtype, np.number):
+        raise InputError(
+            f"{path}: ground truth is {list(disparity.shape)} {disparity.dtype} but the views are "
+            f"{list(size)}; put the right file there or remove it"
+        )
+    return np.ascontiguousarray(disparity, np.float32)
+
+
+def read_npy(path: Path) -> np.ndarray:
+    """One array from an ``.npy`` file, never a pickle."""
+    array = _load(path)
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"{path}: is an .npz archive named .npy; rename it")
+    return array
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of the file by name; an ``.npy`` file's has none."""
+    loaded = _load(path)
+    if isinstance(loaded, np.ndarray):
+        return {"": loaded}
+    try:
+        with loaded:
+            return dict(loaded)
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+        raise _damaged(path, error) from error
+
+
+def _load(path: Path):
+    """``np.load`` without pickle."""
+    with reading(path):
+        try:
+            return np.load(path, allow_pickle=False)
+        except (ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    """Pickled objects, or not a NumPy file at all."""
+    if "allow_pickle" in str(error) or "Object arrays" in str(error):
+        return InputError(
+            f"{path}: holds pickled objects, which may run code; save a plain array instead"
+        )
+    return InputError(f"{path}: not a whole NumPy file; save the array or copy the file again")
+
+
+def _choose(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.ndarray:
+    """The array that holds the views."""
+    if key is None and len(arrays) == 1:
+        return next(iter(arrays.values()))
+    wanted = key or "views"
+    if wanted not in arrays:
+        names = ", ".join(name for name in arrays if name) or "none"
+        raise InputError(f"{path}: has no array {wanted!r} (it has: {names}); pass key='...'")
+    return arrays[wanted]
+
+
+def _pair(path: Path, values: np.ndarray) -> tuple[float, float]:
+    """Minimum and maximum."""
+    if values.shape != (2,) or not values[0] < values[1]:
+        raise InputError(f"{path}: disparity_range is {values.tolist()}; write (minimum, maximum)")
+    return float(values[0]), float(values[1])

@@ -1,0 +1,134 @@
+"""A folder with one image per view."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.io.arrays import check_ground_truth, check_views, read_npy
+from occjax.io.files import reading
+from occjax.io.gantry import gantry_grid
+from occjax.io.hci_config import HciConfig, read_hci_config
+from occjax.io.images import read_image
+from occjax.io.naming import FolderLayout, NamedViews, find_views
+from occjax.io.pfm import read_pfm
+from occjax.lightfield import LightField
+
+Progress = Callable[[int, int], None]
+"""Called with the number of views read and the number there are."""
+
+
+def read_folder(
+    folder: str | Path,
+    *,
+    layout: FolderLayout | None = None,
+    pattern: str | None = None,
+    grid: tuple[int, int] | None = None,
+    progress: Progress | None = None,
+) -> LightField:
+    """Read a folder with one image per view.
+
+    Besides the views it reads what the layout's folders come with: ``parameters.cfg`` and
+    ``gt_disp_lowres.pfm`` (HCI), ``R_C_disparity.npy`` of the centre view (UrbanLF), the camera
+    positions in the file names (Stanford).
+
+    Args:
+        folder: The folder.
+        layout: ``"hci"``, ``"lytro"``, ``"urbanlf"`` or ``"stanford"``; None to find out.
+        pattern: File names of any other layout, with ``{v}`` and ``{u}`` for the view's row and
+            column or ``{i}`` for its number, row by row; may name files in subfolders.
+        grid: ``(V, U)``; None to find out.
+        progress: Told after each view.
+
+    Raises:
+        InputError: If views are missing, unreadable or of different sizes, or another file of the
+            layout is damaged.
+    """
+    folder = Path(folder)
+    config = _config(folder) if layout in (None, "hci") and pattern is None else None
+    layout, named = find_views(
+        str(folder),
+        _names(folder, nested=pattern is not None and "/" in pattern),
+        layout=layout,
+        pattern=pattern,
+        grid=grid or (config.grid if config else None),
+    )
+    positions = None
+    if layout == "stanford":
+        named, positions = gantry_grid(named)
+    views = _read_views(folder, named, progress)
+    return LightField(
+        views=views,
+        name=folder.resolve().name,
+        calibration=config.calibration if config else None,
+        disparity_range=config.disparity_range if config else None,
+        ground_truth=_ground_truth(folder, layout, named, views.shape[2:4]),
+        positions=positions,
+        source=folder,
+    )
+
+
+def _names(folder: Path, *, nested: bool) -> list[str]:
+    """Files in the folder, or below it, by their path within it."""
+    with reading(folder):
+        if not nested:
+            return [entry.name for entry in os.scandir(folder) if entry.is_file()]
+        return [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+
+
+def _config(folder: Path) -> HciConfig | None:
+    """Camera parameters of an HCI scene, if there are any."""
+    path = folder / "parameters.cfg"
+    with reading(folder):
+        present = path.is_file()
+    return read_hci_config(path) if present else None
+
+
+def _read_views(folder: Path, named: NamedViews, progress: Progress | None) -> np.ndarray:
+    """``[V, U, H, W, C]`` views; decoding releases the lock of the interpreter, so threads help."""
+    rows, columns = named.grid
+    places = list(np.ndindex(rows, columns))
+    paths = [folder / named.matches[place].string for place in places]
+    first = read_image(paths[0])
+    views = np.empty((rows, columns, *first.shape), first.dtype)
+    pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
+    try:
+        for done, (place, path, image) in enumerate(
+            zip(places, paths, pool.map(read_image, paths), strict=True), start=1
+        ):
+            if image.shape != first.shape or image.dtype != first.dtype:
+                raise InputError(
+                    f"{path}: is {_description(image)} but {paths[0].name} is "
+                    f"{_description(first)}; all views must be alike"
+                )
+            views[place] = image
+            if progress is not None:
+                progress(done, len(paths))
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return check_views(folder, views)
+
+
+def _description(image: np.ndarray) -> str:
+    """Size, colour and depth in words."""
+    height, width, channels = image.shape
+    return f"{width}x{height} {'grey' if channels == 1 else 'RGB'} {image.dtype}"
+
+
+def _ground_truth(
+    folder: Path, layout: FolderLayout | None, named: NamedViews, size: tuple[int, ...]
+) -> np.ndarray | None:
+    """Disparity of the centre view, if the folder has it."""
+    if layout == "hci":
+        path = folder / "gt_disp_lowres.pfm"
+        return check_ground_truth(path, read_pfm(path), size) if path.is_file() else None
+    if layout == "urbanlf":
+        centre = named.matches[named.grid[0] // 2, named.grid[1] // 2]
+        path = folder / f"{centre['v']}_{centre['u']}_disparity.npy"
+        return check_ground_truth(path, read_npy(path), size) if path.is_file() else None
+    return None

@@ -1,0 +1,49 @@
+"""Camera positions of the Stanford light field archive, taken with a gantry.
+
+Files are named ``out_ROW_COLUMN_Y_X_.png``. The gantry went back and forth, so row and column only
+count the exposures; where a camera stood is in ``Y`` and ``X``. The archive does not say which way
+these point. Readers in use take ``X`` to the right and ``Y`` downwards, except in the scenes whose
+names lack the underscore before the suffix (beans, knights, tarot), where ``Y`` points upwards.
+Should a scene differ, ``occjax check`` shows it and ``flip`` mends it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occjax.io.naming import NamedViews
+
+
+def gantry_grid(named: NamedViews) -> tuple[NamedViews, np.ndarray]:
+    """Order gantry views top to bottom and left to right, and give their positions.
+
+    Args:
+        named: Views whose names match with ``y``, ``x`` and ``tail``.
+
+    Returns:
+        The views in the order of the library, and their positions ``[V, U, 2]`` float32
+        ``(row, column)`` relative to the centre view, in steps of the mean spacing of neighbours
+        (one unit for both axes, as disparity has).
+    """
+    rows, columns = named.grid
+    positions = np.empty((rows, columns, 2))
+    for place, match in named.matches.items():
+        down = 1.0 if match["tail"] else -1.0
+        positions[place] = down * float(match["y"]), float(match["x"])
+    matches = named.matches
+    if rows > 1 and positions[-1, :, 0].mean() < positions[0, :, 0].mean():
+        positions = positions[::-1]
+        matches = {(rows - 1 - v, u): match for (v, u), match in matches.items()}
+    if columns > 1 and positions[:, -1, 1].mean() < positions[:, 0, 1].mean():
+        positions = positions[:, ::-1]
+        matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
+    relative = (positions - positions[rows // 2, columns // 2]) / _spacing(positions)
+    return NamedViews(named.grid, matches), relative.astype(np.float32)
+
+
+def _spacing(positions: np.ndarray) -> float:
+    """Mean distance of neighbours along rows and along columns; 1 where there are none."""
+    steps = [np.diff(positions[..., axis], axis=axis) for axis in (0, 1)]
+    present = [step.mean() for step in steps if step.size]
+    spacing = float(np.mean(present)) if present else 1.0
+    return spacing if spacing > 0.0 else 1.0

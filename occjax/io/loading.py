@@ -1,0 +1,149 @@
+"""One function that reads a light field, however it is stored."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from pathlib import Path
+from typing import Literal, get_args
+
+from occjax.errors import InputError
+from occjax.io.arrays import read_arrays
+from occjax.io.checking import check
+from occjax.io.files import reading
+from occjax.io.folders import Progress, read_folder
+from occjax.io.hdf5 import read_hdf5
+from occjax.io.images import IMAGE_SUFFIXES
+from occjax.io.mosaics import read_mosaic
+from occjax.io.orientation import Orientation, declared_orientation
+from occjax.lightfield import LightField
+
+Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "array", "hdf5"]
+"""How a light field is stored; the first four are folders."""
+
+
+class OrientationWarning(UserWarning):
+    """The views are laid out otherwise than declared; disparity would be wrong."""
+
+
+def load(
+    path: str | Path,
+    *,
+    layout: Layout | None = None,
+    pattern: str | None = None,
+    grid: tuple[int, int] | None = None,
+    order: str = "vu",
+    flip: str = "",
+    key: str | None = None,
+    name: str | None = None,
+    check_orientation: bool = True,
+    progress: Progress | None = None,
+) -> LightField:
+    """Read a light field from a folder of views, an image of all views, or an array file.
+
+    Args:
+        path: Folder with one image per view (HCI, Lytro, UrbanLF, Stanford, or any through
+            ``pattern``); one image of all views (tiled or MacPI; needs ``grid``); ``.npz`` or
+            ``.npy``; HDF5 of the old HCI benchmark.
+        layout: How it is stored; None to find out.
+        pattern: File names of the views, with ``{v}`` and ``{u}`` for row and column or ``{i}`` for
+            the number, row by row.
+        grid: ``(V, U)`` as stored; None to find out.
+        order: ``"vu"`` if the files count rows first, ``"uv"`` if columns.
+        flip: Axes of the grid that run backwards: ``"v"`` if rows run from bottom to top, ``"u"``
+            if columns run from right to left, ``"vu"`` if both.
+        key: Name of the views in an ``.npz``.
+        name: Name of the scene; default is that of the file or folder.
+        check_orientation: Warn when the images say that the views are laid out otherwise.
+        progress: Called with the number of views read and the number there are.
+
+    Returns:
+        The light field, laid out by the convention of :mod:`occjax.lightfield`.
+
+    Raises:
+        InputError: If it cannot be read; the message names the file and the cure.
+
+    Warns:
+        OrientationWarning: If another order or flip is clearly right.
+
+    Example:
+        >>> import tempfile, numpy as np
+        >>> path = Path(tempfile.mkdtemp()) / "scene.npy"
+        >>> np.save(path, np.zeros((5, 5, 16, 16, 3), np.uint8))
+        >>> load(path).grid
+        (5, 5)
+    """
+    path = Path(path)
+    declared = declared_orientation(order, flip)
+    _check_options(layout, grid)
+    with reading(path):
+        path.stat()
+    stored = _read(path, layout, pattern, grid, key, progress)
+    if grid is not None and stored.grid != tuple(grid):
+        raise InputError(
+            f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
+            "pass its grid or leave it out"
+        )
+    light_field = declared.apply(stored) if declared != Orientation() else stored
+    if name is not None:
+        light_field = dataclasses.replace(light_field, name=name)
+    if check_orientation and light_field.grid != (1, 1):
+        _warn_if_otherwise(path, light_field, declared)
+    return light_field
+
+
+def _check_options(layout: str | None, grid: tuple[int, int] | None) -> None:
+    """What no file can make right."""
+    if layout is not None and layout not in get_args(Layout):
+        raise InputError(f"layout is {layout!r}; it must be one of {', '.join(get_args(Layout))}")
+    if grid is not None and (len(grid) != 2 or min(grid) < 1):
+        raise InputError(f"grid is {grid}; it must be the positive numbers (rows, columns)")
+
+
+def _read(
+    path: Path,
+    layout: Layout | None,
+    pattern: str | None,
+    grid: tuple[int, int] | None,
+    key: str | None,
+    progress: Progress | None,
+) -> LightField:
+    """The light field as stored, by the reader that its layout or suffix asks for."""
+    if path.is_dir():
+        if layout in ("tiled", "macpi", "array", "hdf5"):
+            raise InputError(f"{path}: is a folder, but layout={layout!r} is a file; name the file")
+        return read_folder(path, layout=layout, pattern=pattern, grid=grid, progress=progress)
+    if pattern is not None or layout in ("hci", "lytro", "urbanlf", "stanford"):
+        option = f"layout={layout!r}" if pattern is None else f"pattern={pattern!r}"
+        raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
+    suffix = path.suffix.lower()
+    if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
+        return read_arrays(path, key=key)
+    if layout == "hdf5" or (layout is None and suffix in (".h5", ".hdf5")):
+        return read_hdf5(path)
+    if layout in ("tiled", "macpi") or (layout is None and suffix in IMAGE_SUFFIXES):
+        views = read_mosaic(path, grid, layout if layout in ("tiled", "macpi") else None)
+        return LightField(views=views, name=path.stem, source=path)
+    raise InputError(
+        f"{path}: unknown kind of file; give a folder of views, an image ("
+        f"{', '.join(IMAGE_SUFFIXES)}), .npz, .npy, .h5 or .hdf5"
+    )
+
+
+def _warn_if_otherwise(path: Path, light_field: LightField, declared: Orientation) -> None:
+    """Say how to declare the layout that the images show."""
+    report = check(light_field)
+    if not report.clearly_worse:
+        return
+    right = declared.then(report.best)
+    found = report.best.name
+    or_else = ""
+    if not report.sign_known:
+        other = declared.then(report.best.reversed_sign)
+        or_else = f" (or, less likely, order={other.order!r}, flip={other.flip!r})"
+    warnings.warn(
+        f"{path}: the images show another order of the views than declared ({found}); "
+        f"pass order={right.order!r}, flip={right.flip!r}{or_else}",
+        OrientationWarning,
+        stacklevel=3,
+    )

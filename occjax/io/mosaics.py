@@ -1,0 +1,127 @@
+"""All views in one image: side by side (tiled), or one pixel of each view side by side (MacPI).
+
+Tiled: the views are laid out like the grid. ``tiled[v * H + y, u * W + x] = views[v, u, y, x]``.
+MacPI (macro-pixel, lenslet): each pixel is a little image of all views, as behind a microlens.
+``macpi[y * V + v, x * U + u] = views[v, u, y, x]``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.io.images import read_image
+
+Mosaic = Literal["tiled", "macpi"]
+
+SEAM = 1.3
+"""Brightness steps at the seams of tiles, relative to those elsewhere, that betray tiles."""
+
+
+def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
+    """Read one image of all views.
+
+    Args:
+        path: Image file.
+        grid: ``(V, U)``.
+        kind: How the views are arranged; None to find out.
+
+    Returns:
+        ``[V, U, H, W, C]`` views.
+
+    Raises:
+        InputError: If the grid is missing or does not divide the image, or the arrangement cannot
+            be told.
+    """
+    if grid is None:
+        raise InputError(
+            f"{path}: one image of all views needs its grid; pass grid=(rows, columns)"
+        )
+    image = read_image(path)
+    rows, columns = grid
+    height, width = image.shape[:2]
+    if height % rows or width % columns:
+        raise InputError(
+            f"{path}: {height}x{width} pixels are not a multiple of the {rows}x{columns} grid; "
+            "pass the right grid=(rows, columns) or crop the image"
+        )
+    kind = kind or detect_mosaic(image, grid)
+    if kind is None:
+        raise InputError(
+            f"{path}: cannot tell tiled views from a MacPI image; pass layout='tiled' or 'macpi'"
+        )
+    return split_tiles(image, grid) if kind == "tiled" else split_macpi(image, grid)
+
+
+def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
+    """Tell the two arrangements apart: only tiles have seams, where one view meets the next.
+
+    Args:
+        image: ``[V * H, U * W, C]``.
+        grid: ``(V, U)``.
+
+    Returns:
+        The arrangement, or None for an image without any texture.
+    """
+    seams, elsewhere = [], []
+    for axis, count in enumerate(grid):
+        steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
+        profile = steps.mean(axis=tuple(a for a in range(3) if a != axis))
+        seam = np.arange(1, count) * (image.shape[axis] // count) - 1
+        seams.append(profile[seam])
+        elsewhere.append(np.delete(profile, seam))
+    if len(np.concatenate(seams)) == 0 or np.concatenate(elsewhere).size == 0:
+        return "tiled"  # one view, or views of one pixel: both arrangements are the same
+    at_seams, between = np.concatenate(seams).mean(), np.concatenate(elsewhere).mean()
+    if at_seams == between == 0.0:
+        return None
+    return "tiled" if at_seams > SEAM * between else "macpi"
+
+
+def split_tiles(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
+    """``[V * H, U * W, C]`` tiled image to ``[V, U, H, W, C]`` views.
+
+    Example:
+        >>> split_tiles(np.arange(4).reshape(2, 2, 1), (2, 1))[:, :, 0, :, 0].tolist()
+        [[[0, 1]], [[2, 3]]]
+    """
+    (rows, columns), (height, width, channels) = grid, image.shape
+    split = image.reshape(rows, height // rows, columns, width // columns, channels)
+    return np.ascontiguousarray(split.transpose(0, 2, 1, 3, 4))
+
+
+def join_tiles(views: np.ndarray) -> np.ndarray:
+    """``[V, U, H, W, C]`` views to ``[V * H, U * W, C]`` tiled image.
+
+    Example:
+        >>> join_tiles(np.arange(4).reshape(2, 1, 1, 2, 1))[..., 0].tolist()
+        [[0, 1], [2, 3]]
+    """
+    v, u, h, w, c = views.shape
+    return np.ascontiguousarray(views.transpose(0, 2, 1, 3, 4).reshape(v * h, u * w, c))
+
+
+def split_macpi(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
+    """``[H * V, W * U, C]`` MacPI image to ``[V, U, H, W, C]`` views.
+
+    Example:
+        >>> split_macpi(np.arange(4).reshape(1, 4, 1), (1, 2))[0, :, 0, :, 0].tolist()
+        [[0, 2], [1, 3]]
+    """
+    (rows, columns), (height, width, channels) = grid, image.shape
+    split = image.reshape(height // rows, rows, width // columns, columns, channels)
+    return np.ascontiguousarray(split.transpose(1, 3, 0, 2, 4))
+
+
+def join_macpi(views: np.ndarray) -> np.ndarray:
+    """``[V, U, H, W, C]`` views to ``[H * V, W * U, C]`` MacPI image.
+
+    Example:
+        >>> join_macpi(np.array([[0, 2], [1, 3]]).reshape(1, 2, 1, 2, 1))[..., 0].tolist()
+        [[0, 1, 2, 3]]
+    """
+    v, u, h, w, c = views.shape
+    return np.ascontiguousarray(views.transpose(2, 0, 3, 1, 4).reshape(h * v, w * u, c))

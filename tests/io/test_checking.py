@@ -1,0 +1,135 @@
+import time
+
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.io import ORIENTATIONS, Orientation, check, load, read_pfm
+from occjax.lightfield import LightField
+from tests.io.scenes import texture, two_planes
+
+DECLARED = Orientation()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return LightField(two_planes()[0], name="two planes")
+
+
+@pytest.mark.parametrize("stored", ORIENTATIONS, ids=lambda orientation: orientation.name)
+def test_each_of_the_eight_layouts_is_recognised(scene, stored):
+    report = check(stored.apply(scene))
+    assert stored.then(report.best) == DECLARED
+    assert report.clearly_worse == (stored != DECLARED)
+    assert report.sign_known
+    assert report.nearer_in_front > 0.9
+    assert set(report.scores) == {orientation.name for orientation in ORIENTATIONS}
+    assert report.scores[report.best.name] == min(report.scores.values())
+
+
+def test_the_range_encloses_the_scene_with_a_small_margin(scene):
+    low, high = check(scene).disparity_range
+    assert -1.0 - 0.5 <= low < -1.0
+    assert 1.5 < high <= 1.5 + 0.5
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (2, 2), (3, 5), (4, 4)])
+def test_small_and_uneven_grids_are_measured(grid):
+    """Flipping an even grid makes another view the centre, so there the layouts that keep it."""
+    scene = LightField(two_planes(grid)[0])
+    report = check(scene)
+    assert not report.clearly_worse
+    low, high = report.disparity_range
+    assert low < -1.0 < 1.5 < high
+    swapped = check(Orientation(swap=True).apply(scene))
+    assert swapped.clearly_worse
+    assert swapped.best == Orientation(swap=True)
+
+
+@pytest.mark.parametrize("grid", [(1, 5), (5, 1), (1, 2)])
+def test_one_row_or_column_of_views_is_measured(grid):
+    scene = LightField(two_planes(grid)[0])
+    report = check(scene)
+    assert not report.clearly_worse
+    assert report.best == DECLARED
+    low, high = report.disparity_range
+    assert low < -1.0 < 1.5 < high
+    assert check(Orientation(swap=True).apply(scene)).best == Orientation(swap=True)
+
+
+def test_a_reversed_row_of_views_is_told_by_occlusion():
+    scene = LightField(two_planes((1, 5))[0])
+    report = check(LightField(np.ascontiguousarray(scene.views[:, ::-1])))
+    assert report.clearly_worse
+    assert report.best.flip_columns
+
+
+def test_without_occlusion_the_sign_stays_as_declared(scene):
+    """A slanted wall hides nothing: both signs are equally good, and nothing is claimed."""
+    y, x = np.mgrid[:96, :96].astype(float)
+    offsets = range(-2, 3)
+    views = np.stack([[texture(y + 1.3 * v, x + 1.3 * u) for u in offsets] for v in offsets])
+    for stored in (DECLARED, DECLARED.reversed_sign):
+        report = check(stored.apply(LightField(views.astype(np.float32))))
+        assert report.best == DECLARED
+        assert not report.clearly_worse
+        assert not report.sign_known
+        low, high = report.disparity_range
+        true = 1.3 if stored == DECLARED else -1.3
+        assert low < true < high
+
+
+@pytest.mark.parametrize("value", [0, 17, 255])
+def test_views_without_texture_are_not_called_wrong(value):
+    report = check(LightField(np.full((5, 5, 40, 48, 3), value, np.uint8)))
+    assert report.best == DECLARED
+    assert not report.clearly_worse
+    assert report.measured == 0.0
+
+
+def test_pure_noise_is_not_called_wrong():
+    noise = np.random.default_rng(0).integers(0, 256, (5, 5, 64, 64, 1), np.uint8)
+    assert not check(LightField(noise)).clearly_worse
+
+
+def test_vignetting_and_noise_do_not_matter(scene):
+    rng = np.random.default_rng(0)
+    v, u, y, x = np.ogrid[-2:3, -2:3, -1:1:96j, -1:1:96j]
+    shade = 1 - 0.05 * ((v / 2 + y) ** 2 + (u / 2 + x) ** 2)
+    views = scene.views * shade[..., None] + rng.normal(0, 0.02, scene.views.shape)
+    worn = LightField(np.clip(views, 0, 1).astype(np.float32))
+    for stored in ORIENTATIONS:
+        assert stored.then(check(stored.apply(worn)).best) == DECLARED
+
+
+def test_positions_stand_in_for_the_regular_grid(scene):
+    """Cameras twice as far apart as the grid says halve the disparity."""
+    offsets = np.stack(np.mgrid[-2:3, -2:3], axis=-1).astype(np.float32)
+    report = check(LightField(scene.views, positions=2 * offsets))
+    assert -0.5 - 0.25 <= report.disparity_range[0] < -0.5
+    assert 0.75 < report.disparity_range[1] <= 0.75 + 0.25
+
+
+def test_one_view_has_nothing_to_check():
+    with pytest.raises(InputError, match="one view"):
+        check(LightField(np.zeros((1, 1, 8, 8, 1), np.uint8)))
+
+
+@pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
+def test_real_light_fields_are_recognised_in_all_eight_layouts(shared, scene):
+    light_field = load(shared / "data" / scene, check_orientation=False)
+    for stored in ORIENTATIONS:
+        report = check(stored.apply(light_field))
+        assert stored.then(report.best) == DECLARED, stored.name
+        assert report.clearly_worse == (stored != DECLARED), stored.name
+
+
+@pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013"])
+def test_the_range_of_real_light_fields_encloses_the_truth(shared, scene):
+    light_field = load(shared / "data" / scene, check_orientation=False)
+    truth = read_pfm(shared / "data" / scene / "gt_disp_lowres.pfm")
+    start = time.perf_counter()
+    low, high = check(light_field).disparity_range
+    assert time.perf_counter() - start < 20.0  # about 2 s when nothing else runs
+    assert truth.min() - 0.5 < low < np.percentile(truth, 0.5)
+    assert np.percentile(truth, 99.5) < high < truth.max() + 0.5
