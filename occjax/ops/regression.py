@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 def soft_argmin(
     costs: Float[Array, "d h w"], candidates: Float[Array, " d"] | Float[Array, "d h w"]
 ) -> Float[Array, "h w"]:
-    """Differentiable sub-pixel position of the lowest cost (eq. 8).
+    """Differentiable sub-pixel position of the lowest cost (eq. 9).
 
     ``sum_k candidate_k * softmax(-cost)_k``. A network whose output is a score (high is good), as
     the published one in effect is, passes its negative or uses :func:`expected_disparity`.
@@ -37,7 +37,7 @@ def expected_disparity(
     probabilities: Float[Array, "d h w"],
     candidates: Float[Array, " d"] | Float[Array, "d h w"],
 ) -> Float[Array, "h w"]:
-    """Expectation of the candidates under their probabilities (the sum in eq. 8).
+    """Expectation of the candidates under their probabilities (the sum in eq. 9).
 
     Args:
         probabilities: ``[d, h, w]``, summing to one over d.

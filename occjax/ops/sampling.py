@@ -13,11 +13,13 @@ number of pixels (there the derivative is that of the segment towards larger coo
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
+
+from occjax.errors import InputError
 
 Border = Literal["replicate", "zero"]
 
@@ -53,16 +55,18 @@ def shift(
     """
     h, w, _ = image.shape
     first, count = (0, h) if rows is None else rows
-    displacement = -_coordinates(disparity) * _coordinates(offset)
+    disparity, offset = as_coordinates(disparity, offset)
+    displacement = -disparity * offset
     whole = jnp.floor(displacement)
     fraction = (displacement - whole).astype(image.dtype)
-    # A shift by more than the image reads only zeros; clamping keeps the slice inside the padding.
+    # A shift by more than the image reads only zeros; clamping keeps it within integers.
     size = jnp.array([h, w], whole.dtype)
     row, column = jnp.clip(jax.lax.stop_gradient(whole), -size - 1.0, size).astype(jnp.int32)
-    padded = jnp.pad(image, ((h + 1, h + 1), (w + 1, w + 1), (0, 0)))
-    taps = jax.lax.dynamic_slice(
-        padded, (row + h + 1 + first, column + w + 1, 0), (count + 1, w + 1, image.shape[2])
-    )
+    row = row + jnp.asarray(first, jnp.int32)
+    # One row and column of zeros on each side stand for all that lies outside.
+    rows_read = jnp.clip(row + jnp.arange(count + 1, dtype=jnp.int32), -1, h) + 1
+    columns_read = jnp.clip(column + jnp.arange(w + 1, dtype=jnp.int32), -1, w) + 1
+    taps = jnp.pad(image, ((1, 1), (1, 1), (0, 0)))[rows_read][:, columns_read]
     one = jnp.ones((), image.dtype)
     between_rows = taps[:-1] * (one - fraction[0]) + taps[1:] * fraction[0]
     left, right = between_rows[:, :-1], between_rows[:, 1:]
@@ -82,7 +86,7 @@ def warp(
     ``result[y, x] = image(y - d[y, x] * offset[0], x - d[y, x] * offset[1])``, bilinear.
 
     Args:
-        image: ``[h, w, c]`` view or feature map, at least 2x2 pixels.
+        image: ``[h, w, c]`` view or feature map.
         disparity: ``[r, w]`` of all or some rows of the centre view, pixels per view step.
         offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
         border: ``"replicate"`` clamps the base tap to ``[0, size - 2]`` and the fraction to
@@ -93,20 +97,24 @@ def warp(
     Returns:
         ``[r, w, c]`` warped image.
 
+    Raises:
+        InputError: If there is no such border.
+
     Example:
         >>> ramp = jnp.tile(jnp.arange(4.0)[None, :, None], (2, 1, 1))
         >>> warp(ramp, jnp.full((2, 4), 0.5), jnp.array([0.0, -1.0]))[0, :, 0].tolist()
         [0.5, 1.5, 2.5, 3.0]
     """
-    h, w, _ = image.shape
-    displacement = _coordinates(disparity)
-    offset = _coordinates(offset)
-    y = first_row + jnp.arange(disparity.shape[0])
-    y = y.astype(displacement.dtype)[:, None] - displacement * offset[0]
-    x = jnp.arange(w, dtype=displacement.dtype)[None, :] - displacement * offset[1]
+    if border not in get_args(Border):
+        raise InputError(f'border: must be "replicate" or "zero", not "{border}"')
+    disparity, offset = as_coordinates(disparity, offset)
+    height, width = disparity.shape
+    y = jnp.arange(height, dtype=disparity.dtype) + jnp.asarray(first_row, disparity.dtype)
+    y = y[:, None] - disparity * offset[0]
+    x = jnp.arange(width, dtype=disparity.dtype)[None, :] - disparity * offset[1]
     if border == "zero":
         image = jnp.pad(image, ((1, 1), (1, 1), (0, 0)))
-        y, x = jnp.clip(y + 1.0, 0.0, h + 1.0), jnp.clip(x + 1.0, 0.0, w + 1.0)
+        y, x = y + 1.0, x + 1.0
     row, row_fraction = _base_and_fraction(y, image.shape[0])
     column, column_fraction = _base_and_fraction(x, image.shape[1])
     row_fraction = row_fraction.astype(image.dtype)[..., None]
@@ -120,12 +128,22 @@ def warp(
     return between_columns(row) * (one - row_fraction) + between_columns(row + 1) * row_fraction
 
 
+def as_coordinates(*values: Array) -> tuple[Array, ...]:
+    """Disparities and offsets in one type of at least float32, whatever the promotion rules.
+
+    Coordinates need more bits than bfloat16 has: at 512 pixels its steps are two pixels wide.
+    """
+    double = any(value.dtype == jnp.float64 for value in values)
+    return tuple(value.astype(jnp.float64 if double else jnp.float32) for value in values)
+
+
 def _base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
-    """Lower bilinear tap in [0, size - 2] and the weight of the upper one, in [0, 1]."""
+    """Lower bilinear tap in [0, size - 2] and the weight of the upper one, in [0, 1].
+
+    In an image one pixel wide the taps are -1 and 0, the same pixel.
+    """
     base = jax.lax.stop_gradient(jnp.clip(jnp.floor(coordinate), 0.0, size - 2.0))
-    return base.astype(jnp.int32), jnp.clip(coordinate - base, 0.0, 1.0)
-
-
-def _coordinates(values: Array) -> Array:
-    """Coordinates need more bits than bfloat16 has: at 512 pixels its steps are two pixels wide."""
-    return values.astype(jnp.promote_types(values.dtype, jnp.float32))
+    fraction = coordinate - base
+    # Not jnp.clip: at a bound it halves the derivative, and 0 is every whole number of pixels.
+    fraction = jnp.where(fraction < 0.0, 0.0, jnp.where(fraction >= 1.0, 1.0, fraction))
+    return base.astype(jnp.int32), fraction

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from occjax.ops.geometry import view_offsets
-from occjax.ops.sampling import Border, Rows, shift, warp
+from occjax.ops.sampling import Border, Rows, as_coordinates, shift, warp
 
 Combine = Callable[
     [Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "h w k"]
@@ -194,8 +194,9 @@ def refined_volume(
     """
 
     def plane(candidate):
+        start, residual = as_coordinates(disparity, candidate)
         registered = warp_views(
-            features, disparity + candidate, offsets=offsets, border=border, first_row=first_row
+            features, start + residual, offsets=offsets, border=border, first_row=first_row
         )
         return combine(registered, weights)
 
