@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def check_views(path: Path, views: np.ndarray) -> np.ndarray:
     Raises:
         InputError: If shape, type or values are none that a light field can have.
     """
-    if views.ndim == 4:
+    if views.ndim == 4 and views.shape[-1] > 4:  # else views in one row: [N, H, W, C]
         views = views[..., None]
     if views.ndim != 5 or views.shape[-1] not in (1, 2, 3, 4) or 0 in views.shape:
         raise InputError(
@@ -121,40 +122,29 @@ def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...])
 
 def read_npy(path: Path) -> np.ndarray:
     """One array from an ``.npy`` file, never a pickle."""
-    array = _load(path)
-    if not isinstance(array, np.ndarray):
+    arrays = _arrays(path)
+    if list(arrays) != [""]:
         raise InputError(f"{path}: is an .npz archive named .npy; rename it")
-    return array
+    return arrays[""]
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of the file by name; an ``.npy`` file's has none."""
-    loaded = _load(path)
-    if isinstance(loaded, np.ndarray):
-        return {"": loaded}
-    try:
-        with loaded:
-            return dict(loaded)
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
-        raise _damaged(path, error) from error
-
-
-def _load(path: Path):
-    """``np.load`` without pickle."""
-    with reading(path):
+    """All arrays of the file by name; that of an ``.npy`` file has none. Never a pickle."""
+    with reading(path), path.open("rb") as file:
+        if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
+            raise InputError(f"{path}: not a NumPy file; save the array or copy the file again")
+        file.seek(0)
         try:
-            return np.load(path, allow_pickle=False)
-        except (ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise _damaged(path, error) from error
-
-
-def _damaged(path: Path, error: Exception) -> InputError:
-    """Pickled objects, or not a NumPy file at all."""
-    if "allow_pickle" in str(error) or "Object arrays" in str(error):
-        return InputError(
-            f"{path}: holds pickled objects, which may run code; save a plain array instead"
-        )
-    return InputError(f"{path}: not a whole NumPy file; save the array or copy the file again")
+            loaded = np.load(file, allow_pickle=False)
+            return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+        except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            if "Object arrays" in str(error):
+                raise InputError(
+                    f"{path}: holds pickled objects, which may run code; save a plain array instead"
+                ) from error
+            raise InputError(
+                f"{path}: not a whole NumPy file; save the array or copy the file again"
+            ) from error
 
 
 def _choose(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.ndarray:

@@ -127,7 +127,8 @@ def _deep_colour_png(data: bytes) -> np.ndarray:
     )
     with Image.open(io.BytesIO(exchanged)) as image:
         lower = np.asarray(image)
-    return upper.astype(np.uint16) << 8 | lower
+    both = upper.astype(np.uint16) << 8 | lower
+    return both[..., :1] if colour_type == 4 else both  # grey with alpha comes as colour
 
 
 def _png_chunks(data: bytes) -> dict[bytes, list[bytes]]:

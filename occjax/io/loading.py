@@ -29,7 +29,7 @@ class OrientationWarning(UserWarning):
 def load(
     path: str | Path,
     *,
-    layout: Layout | None = None,
+    layout: Layout | str | None = None,
     pattern: str | None = None,
     grid: tuple[int, int] | None = None,
     order: str = "vu",

@@ -18,7 +18,7 @@ from occjax.io.images import read_image
 Mosaic = Literal["tiled", "macpi"]
 
 SEAM = 1.3
-"""Brightness steps at the seams of tiles, relative to those elsewhere, that betray tiles."""
+"""How much larger than elsewhere brightness steps are at a seam, at least."""
 
 
 def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
@@ -57,28 +57,41 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
 
 
 def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
-    """Tell the two arrangements apart: only tiles have seams, where one view meets the next.
+    """Tell the two arrangements apart by where brightness jumps.
+
+    Tiles have seams where one view meets the next, a MacPI image where one microlens does.
 
     Args:
         image: ``[V * H, U * W, C]``.
         grid: ``(V, U)``.
 
     Returns:
-        The arrangement, or None for an image without any texture.
+        The arrangement; None if there is no clear difference, as without texture.
     """
-    seams, elsewhere = [], []
+    tiles, lenses, others = [], [], []
     for axis, count in enumerate(grid):
+        size = image.shape[axis] // count
+        if count == 1 or size == 1:
+            continue
         steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
-        profile = steps.mean(axis=tuple(a for a in range(3) if a != axis))
-        seam = np.arange(1, count) * (image.shape[axis] // count) - 1
-        seams.append(profile[seam])
-        elsewhere.append(np.delete(profile, seam))
-    if len(np.concatenate(seams)) == 0 or np.concatenate(elsewhere).size == 0:
+        profile = steps.mean(axis=tuple(other for other in range(3) if other != axis))
+        position = np.arange(1, count * size)
+        at_tile, at_lens = position % size == 0, position % count == 0
+        tiles.append(profile[at_tile])
+        lenses.append(profile[at_lens & ~at_tile])
+        others.append(profile[~at_lens & ~at_tile])
+    if not tiles:
         return "tiled"  # one view, or views of one pixel: both arrangements are the same
-    at_seams, between = np.concatenate(seams).mean(), np.concatenate(elsewhere).mean()
-    if at_seams == between == 0.0:
-        return None
-    return "tiled" if at_seams > SEAM * between else "macpi"
+    elsewhere = _mean(others)
+    if _mean(lenses) > SEAM * elsewhere:
+        return "macpi"
+    return "tiled" if _mean(tiles) > SEAM * elsewhere else None
+
+
+def _mean(profiles: list[np.ndarray]) -> float:
+    """Mean of all values; 0 if there are none."""
+    values = np.concatenate(profiles)
+    return float(values.mean()) if values.size else 0.0
 
 
 def split_tiles(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:

@@ -10,7 +10,8 @@ from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 
 VERTEX = np.dtype(
-    [(name, "<f4") for name in ("x", "y", "z")] + [(name, "u1") for name in ("red", "green", "blue")]
+    [(name, "<f4") for name in ("x", "y", "z")]
+    + [(name, "u1") for name in ("red", "green", "blue")]
 )
 
 

@@ -1,0 +1,50 @@
+import hypothesis
+import hypothesis.extra.numpy as arrays
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from PIL import Image
+
+from occjax.io import join_macpi, join_tiles, load, split_macpi, split_tiles
+from occjax.io.mosaics import detect_mosaic
+from tests.io.scenes import two_planes
+
+VIEWS = arrays.arrays(np.uint8, st.tuples(*[st.integers(1, 4)] * 4, st.sampled_from([1, 3])))
+
+
+@hypothesis.given(VIEWS)
+def test_tiles_are_laid_out_like_the_grid(views):
+    v_count, u_count, h, w, _ = views.shape
+    tiled = join_tiles(views)
+    for v, u in np.ndindex(v_count, u_count):
+        tile = tiled[v * h : (v + 1) * h, u * w : (u + 1) * w]
+        np.testing.assert_array_equal(tile, views[v, u])
+    np.testing.assert_array_equal(split_tiles(tiled, (v_count, u_count)), views)
+
+
+@hypothesis.given(VIEWS)
+def test_a_macpi_image_has_a_grid_at_each_pixel(views):
+    v_count, u_count = views.shape[:2]
+    macpi = join_macpi(views)
+    for v, u in np.ndindex(v_count, u_count):
+        np.testing.assert_array_equal(macpi[v::v_count, u::u_count], views[v, u])
+    np.testing.assert_array_equal(split_macpi(macpi, (v_count, u_count)), views)
+
+
+@pytest.mark.parametrize(("kind", "join"), [("tiled", join_tiles), ("macpi", join_macpi)])
+@pytest.mark.parametrize("grid", [(5, 5), (3, 4), (1, 5)])
+def test_the_arrangement_is_found_out(tmp_path, kind, join, grid):
+    views = np.round(two_planes(grid, (60, 72))[0] * 255).astype(np.uint8)
+    image = join(views)
+    assert detect_mosaic(image, grid) == kind
+    Image.fromarray(image).save(tmp_path / "scene.png")
+    loaded = load(tmp_path / "scene.png", grid=grid)
+    np.testing.assert_array_equal(loaded.views, views)
+    assert loaded.name == "scene"
+
+
+@pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
+def test_the_arrangement_of_real_views_is_found_out(shared, scene):
+    views = load(shared / "data" / scene, check_orientation=False).views[2:7, 2:7]
+    assert detect_mosaic(join_tiles(views), (5, 5)) == "tiled"
+    assert detect_mosaic(join_macpi(views), (5, 5)) == "macpi"

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.lightfield import Calibration, LightField
+
+
+def test_grey_is_the_weighted_sum_of_the_colours():
+    views = np.zeros((1, 1, 1, 3, 3), np.uint8)
+    views[0, 0, 0] = np.diag([255, 255, 255])
+    grey = LightField(views).grey()
+    assert grey.dtype == np.float32
+    np.testing.assert_allclose(grey[0, 0, 0], [0.299, 0.587, 0.114], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("dtype", "white"), [(np.uint8, 255), (np.uint16, 65535), (np.float32, 1)])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_white_is_one_in_every_type(dtype, white, channels):
+    light_field = LightField(np.full((1, 2, 3, 3, channels), white, dtype))
+    np.testing.assert_allclose(light_field.grey(), 1.0, rtol=1e-6)
+    assert light_field.floating().dtype == np.float32
+    assert light_field.floating().max() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("grid", "inner"), [((9, 9), (5, 5)), ((9, 7), (3, 7)), ((4, 4), (2, 2)), ((4, 5), (3, 3))]
+)
+def test_a_central_grid_keeps_the_centre_view(grid, inner):
+    v, u = np.mgrid[: grid[0], : grid[1]]
+    views = np.broadcast_to((10 * v + u)[..., None, None, None], (*grid, 2, 2, 1)).astype(np.uint8)
+    positions = np.stack([v - grid[0] // 2, u - grid[1] // 2], axis=-1).astype(np.float32)
+    light_field = LightField(views, positions=positions)
+    central = light_field.central(*inner)
+    assert central.grid == inner
+    np.testing.assert_array_equal(central.centre, light_field.centre)
+    assert central.positions[inner[0] // 2, inner[1] // 2].tolist() == [0.0, 0.0]
+
+
+def test_a_larger_central_grid_is_refused():
+    with pytest.raises(InputError, match="tiny: has 3x3 views, 9x9 are needed"):
+        LightField(np.zeros((3, 3, 2, 2, 1)), name="tiny").central(9, 9)
+
+
+@pytest.mark.parametrize("shape", [(3, 3, 4, 4), (3, 3, 4, 4, 2), (3, 3, 4, 4, 4)])
+def test_other_shapes_are_refused(shape):
+    with pytest.raises(InputError, match="scene: views must be"):
+        LightField(np.zeros(shape), name="scene")
+
+
+def test_ground_truth_must_have_the_size_of_the_views():
+    with pytest.raises(InputError, match=r"\[4, 5\].*\[4, 4\]"):
+        LightField(np.zeros((3, 3, 4, 4, 1)), ground_truth=np.zeros((4, 5)))
+
+
+def test_depth_inverts_the_geometry_of_converging_cameras():
+    """d = f_px b (1 / Z - 1 / Z0): cameras 80 mm apart, f_px = 100 / 35 * 512, Z0 = 6 m."""
+    calibration = Calibration(
+        focal_length_mm=100.0, sensor_size_mm=35.0, baseline_mm=80.0, focus_distance_m=6.0
+    )
+    focal_pixels = 100.0 / 35.0 * 512
+    depth = np.array([2.0, 6.0, 40.0])
+    disparity = focal_pixels * 0.08 * (1 / depth - 1 / 6.0)
+    np.testing.assert_allclose(calibration.depth(disparity, (384, 512)), depth, rtol=1e-12)
+
+
+def test_beyond_infinity_depth_is_infinite():
+    calibration = Calibration(100.0, 35.0, 80.0, 6.0)
+    at_infinity = -100.0 / 35.0 * 512 * 0.08 / 6.0
+    assert np.isinf(calibration.depth(np.array([at_infinity - 1e-6]), (512, 512))).all()
