@@ -1,0 +1,19 @@
+"""Pictures of disparity, confidence, error and occlusion."""
+
+from occjax.viz.canvas import save
+from occjax.viz.figures import (
+    comparison_figure,
+    confidence_figure,
+    disparity_figure,
+    error_figure,
+    occlusion_figure,
+)
+
+__all__ = [
+    "comparison_figure",
+    "confidence_figure",
+    "disparity_figure",
+    "error_figure",
+    "occlusion_figure",
+    "save",
+]

@@ -1,0 +1,169 @@
+"""Pictures laid out to the pixel.
+
+Maps are shown without resampling: one value is a square of whole pixels. So the layout is counted
+in pixels, not left to matplotlib, and matplotlib's global state (pyplot, the current figure) is
+never touched: figures can be drawn in any thread and in any program.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.figure import Figure
+
+from occjax.io.atomic import atomic_path
+
+DOTS_PER_INCH = 100
+MARGIN = 14
+TITLE_HEIGHT = 30
+BAR_WIDTH = 16
+BAR_TEXT = 74
+BAR_LENGTH = 310
+"""A bar is never shorter than this: its label has to fit beside it."""
+LINE = 500
+"""A picture is never narrower than this: its title has to fit."""
+
+TEXT = "#222222"
+
+
+class Canvas:
+    """A white picture whose parts are placed by pixel, from the top left corner.
+
+    Attributes:
+        figure: The matplotlib figure.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self.size = (width, height)
+        self.figure = Figure(
+            figsize=(width / DOTS_PER_INCH, height / DOTS_PER_INCH),
+            dpi=DOTS_PER_INCH,
+            facecolor="white",
+        )
+        FigureCanvasAgg(self.figure)
+
+    def axes(self, left: int, top: int, width: int, height: int) -> Axes:
+        """Empty axes in a rectangle."""
+        total_width, total_height = self.size
+        return self.figure.add_axes(
+            (
+                left / total_width,
+                1.0 - (top + height) / total_height,
+                width / total_width,
+                height / total_height,
+            )
+        )
+
+    def image(
+        self,
+        pixels: np.ndarray,
+        left: int,
+        top: int,
+        zoom: int,
+        *,
+        colours: Colormap | None = None,
+        norm: Normalize | None = None,
+    ) -> Axes:
+        """An image ``[H, W]`` or ``[H, W, 3]``, each of its pixels ``zoom`` pixels wide."""
+        height, width = pixels.shape[:2]
+        axes = self.axes(left, top, width * zoom, height * zoom)
+        axes.imshow(pixels, cmap=colours, norm=norm, interpolation="nearest", aspect="auto")
+        axes.set_axis_off()
+        return axes
+
+    def title(self, text: str, left: int) -> None:
+        """A line at the top, starting at ``left``."""
+        x, y = left / self.size[0], 1.0 - (MARGIN + 0.4 * TITLE_HEIGHT) / self.size[1]
+        self.figure.text(x, y, text, fontsize=10.5, ha="left", va="center", color=TEXT)
+
+    def bar(
+        self,
+        norm: Normalize,
+        colours: Colormap,
+        label: str,
+        rectangle: tuple[int, int, int, int],
+        *,
+        ticks: list[float] | None = None,
+    ) -> None:
+        """A colour bar in the rectangle (left, top, width, height), along its longer side."""
+        axes = self.axes(*rectangle)
+        upright = rectangle[3] > rectangle[2]
+        bar = self.figure.colorbar(
+            ScalarMappable(norm, colours),
+            cax=axes,
+            orientation="vertical" if upright else "horizontal",
+            ticks=ticks,
+        )
+        bar.set_label(label, fontsize=9.5, color=TEXT)
+        bar.ax.tick_params(labelsize=8.5, length=3, width=0.7, color=TEXT, labelcolor=TEXT)
+        bar.outline.set_linewidth(0.0)
+
+
+def map_canvas(
+    values: np.ndarray,
+    norm: Normalize,
+    colours: Colormap,
+    *,
+    title: str,
+    label: str,
+    ticks: list[float] | None = None,
+) -> tuple[Canvas, Axes]:
+    """One map with a title above and a colour bar on its right, or below if the map is wide.
+
+    Args:
+        values: ``[H, W]`` map, or ``[H, W, 3]`` colours already chosen.
+        norm: Range of the bar.
+        colours: Colours of the bar.
+        title: Line above the map.
+        label: What the bar measures.
+        ticks: Values to mark on the bar.
+
+    Returns:
+        The picture, and the axes that hold the map.
+    """
+    height, width = values.shape[:2]
+    zoom = whole_zoom((height, width))
+    height, width = height * zoom, width * zoom
+    left, top = MARGIN, MARGIN + TITLE_HEIGHT
+    if width >= 2 * height:
+        length = max(width, BAR_LENGTH)
+        canvas = Canvas(max(length, LINE) + 2 * MARGIN, top + height + 72 + MARGIN)
+        # The label of the lowest value is centred below the left end.
+        bar = (left + 8, top + height + 12, length - 16, BAR_WIDTH)
+    else:
+        length = max(height, BAR_LENGTH)
+        canvas = Canvas(max(left + width + 12 + BAR_WIDTH + BAR_TEXT, LINE), top + length + MARGIN)
+        bar = (left + width + 12, top, BAR_WIDTH, length)
+    canvas.title(title, left)
+    axes = canvas.image(values, left, top, zoom, colours=colours, norm=norm)
+    canvas.bar(norm, colours, label, bar, ticks=ticks)
+    return canvas, axes
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, atomically; equal figures give equal bytes.
+
+    Args:
+        figure: What to write.
+        path: Where; a file that is there is replaced.
+    """
+    with atomic_path(path) as temporary:
+        # Without the version of matplotlib that is written otherwise.
+        FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
+
+
+def whole_zoom(size: tuple[int, int], wanted: int = 540) -> int:
+    """How many pixels wide each pixel of an image of ``(H, W)`` is shown.
+
+    The largest whole number for which the longer side stays within ``wanted`` pixels, at least 1.
+
+    Example:
+        >>> whole_zoom((128, 160)), whole_zoom((2000, 10))
+        (3, 1)
+    """
+    return max(1, wanted // max(size))

@@ -1,0 +1,226 @@
+"""The pictures that go with an estimate.
+
+Every function returns a matplotlib figure; :func:`occjax.viz.canvas.save` writes it. Maps are shown
+without resampling. Maps of any shape, with missing values or constant, are fine.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, Normalize, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from occjax.lightfield import to_unit_float
+from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zoom
+from occjax.viz.colour import (
+    MISSING,
+    confidence_colours,
+    disparity_colours,
+    error_colours,
+    limits,
+)
+
+DISPARITY_LABEL = "disparity [pixels per view step]"
+ERROR_LABEL = "estimate - ground truth [pixels per view step]"
+
+BAD = 0.07
+"""Error above which a pixel counts as bad: the first threshold of the HCI benchmark."""
+
+CENTRE_VIEW = "#f2b632"
+"""Colour of the frame around the centre view."""
+
+
+def disparity_figure(disparity: np.ndarray, *, title: str = "Disparity") -> Figure:
+    """A disparity map with its colour bar.
+
+    Args:
+        disparity: ``[H, W]`` pixels per view step.
+        title: Line above the map.
+    """
+    norm, colours = limits(disparity), disparity_colours()
+    title += _missing_note(disparity)
+    return map_canvas(disparity, norm, colours, title=title, label=DISPARITY_LABEL)[0].figure
+
+
+def confidence_figure(confidence: np.ndarray, *, title: str = "Confidence") -> Figure:
+    """A confidence map; the bar always runs from 0 to 1, so that scenes can be compared.
+
+    Args:
+        confidence: ``[H, W]`` in [0, 1].
+        title: Line above the map.
+    """
+    norm, colours = Normalize(0.0, 1.0), confidence_colours()
+    label = "confidence (1: certain)"
+    title += _missing_note(confidence)
+    return map_canvas(confidence, norm, colours, title=title, label=label)[0].figure
+
+
+def error_figure(
+    disparity: np.ndarray,
+    ground_truth: np.ndarray,
+    *,
+    title: str = "Error",
+    bad: float = BAD,
+    border: int = 0,
+) -> Figure:
+    """Signed error: blue is too far, red too near, full colours where a pixel is bad.
+
+    Pixels without an estimate are black, pixels without ground truth grey.
+
+    Args:
+        disparity: ``[H, W]`` estimate, pixels per view step.
+        ground_truth: ``[H, W]`` pixels per view step.
+        title: Line above the map, such as the score.
+        bad: Error above which a pixel is bad.
+        border: Width of the border that the score leaves out; a thin line marks it.
+    """
+    norm, colours, ticks = _error_scale(bad)
+    picture = _error_picture(disparity, ground_truth, norm, colours)
+    canvas, axes = map_canvas(picture, norm, colours, title=title, label=ERROR_LABEL, ticks=ticks)
+    _mark_border(axes, disparity.shape, border)
+    return canvas.figure
+
+
+def occlusion_figure(
+    occlusion: np.ndarray, *, title: str = "Occlusion of each view (white: occluded)"
+) -> Figure:
+    """Occlusion maps of all views in the order of the grid, the centre view framed.
+
+    Args:
+        occlusion: ``[V, U, H, W]`` in [0, 1].
+        title: Line above the mosaic.
+    """
+    rows, columns, height, width = occlusion.shape
+    gap, longest = 3, 1300
+    small = _shrink(occlusion, -(-max(rows * height, columns * width) // longest))
+    height, width = small.shape[2:]
+    zoom = whole_zoom((rows * height, columns * width), longest // 2)
+    pitch_y, pitch_x = height * zoom + gap, width * zoom + gap
+    canvas = Canvas(
+        max(columns * pitch_x - gap, 360) + 2 * MARGIN,
+        rows * pitch_y - gap + TITLE_HEIGHT + 2 * MARGIN,
+    )
+    canvas.title(title, MARGIN)
+    norm, colours = Normalize(0.0, 1.0), colormaps["gray"].with_extremes(bad="#5b2a2a")
+    for v, u in np.ndindex(rows, columns):
+        left, top = MARGIN + u * pitch_x, MARGIN + TITLE_HEIGHT + v * pitch_y
+        axes = canvas.image(small[v, u], left, top, zoom, colours=colours, norm=norm)
+        if (v, u) == (rows // 2, columns // 2):
+            frame = {"transform": axes.transAxes, "clip_on": False}
+            axes.add_patch(Rectangle((0, 0), 1, 1, fill=False, ec=CENTRE_VIEW, lw=2.0, **frame))
+    return canvas.figure
+
+
+def comparison_figure(
+    centre: np.ndarray,
+    disparity: np.ndarray,
+    ground_truth: np.ndarray | None = None,
+    *,
+    score: str = "",
+    bad: float = BAD,
+    border: int = 0,
+) -> Figure:
+    """Centre view, ground truth, estimate and error side by side.
+
+    Without ground truth: centre view and estimate. Ground truth and estimate share their colours,
+    those of the ground truth's range. Images beyond 600 pixels are shown smaller.
+
+    Args:
+        centre: ``[H, W, C]`` centre view as stored.
+        disparity: ``[H, W]`` estimate, pixels per view step.
+        ground_truth: ``[H, W]`` pixels per view step.
+        score: Words behind the title of the error.
+        bad: Error above which a pixel is bad.
+        border: Width of the border that the score leaves out.
+    """
+    step = -(-max(disparity.shape) // 600)
+    centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)
+    # Disparities are picked, not averaged: the mean of two sides of an edge is on neither.
+    disparity = disparity[::step, ::step]
+    ground_truth = None if ground_truth is None else ground_truth[::step, ::step]
+    height, width = disparity.shape
+    zoom = whole_zoom((height, width), 320)
+    panel, gap, bar_room = max(width * zoom, 240), 12, 58
+    count = 2 if ground_truth is None else 4
+    top = MARGIN + TITLE_HEIGHT
+    canvas = Canvas(
+        count * (panel + gap) - gap + 2 * MARGIN, top + height * zoom + bar_room + MARGIN
+    )
+    lefts = [MARGIN + number * (panel + gap) for number in range(count)]
+
+    picture = np.repeat(centre, 3, axis=-1) if centre.shape[-1] == 1 else centre
+    canvas.title("Centre view", lefts[0])
+    canvas.image(np.clip(picture, 0.0, 1.0), lefts[0], top, zoom)
+
+    maps = [("Estimate", disparity)]
+    if ground_truth is not None:
+        maps.insert(0, ("Ground truth", ground_truth))
+    # An estimate may have wild values; the colours are for the scene's own range.
+    norm, colours = limits(maps[0][1]), disparity_colours()
+    for left, (name, values) in zip(lefts[1:], maps, strict=False):
+        canvas.title(name, left)
+        canvas.image(values, left, top, zoom, colours=colours, norm=norm)
+    bar_top = top + height * zoom + 10
+    bar_width = len(maps) * (panel + gap) - gap
+    canvas.bar(norm, colours, DISPARITY_LABEL, (lefts[1], bar_top, bar_width, 12))
+
+    if ground_truth is not None:
+        norm, colours, ticks = _error_scale(bad)
+        canvas.title(f"Error   {score}".rstrip(), lefts[3])
+        errors = _error_picture(disparity, ground_truth, norm, colours)
+        axes = canvas.image(errors, lefts[3], top, zoom)
+        _mark_border(axes, disparity.shape, border // step)
+        bar = (lefts[3], bar_top, panel, 12)
+        canvas.bar(norm, colours, "estimate - ground truth", bar, ticks=ticks[1:-1])
+    return canvas.figure
+
+
+def _missing_note(values: np.ndarray) -> str:
+    """Words behind a title that explain the grey of the map, if there is any."""
+    return "" if np.isfinite(values).all() else "   (grey: no value)"
+
+
+def _error_scale(bad: float) -> tuple[Normalize, Colormap, list[float]]:
+    """Range, colours and ticks of an error map: three times the error that is just not bad."""
+    limit = 3.0 * bad
+    ticks = [-limit, -bad, 0.0, bad, limit]
+    return Normalize(-limit, limit), error_colours(bad, limit), ticks
+
+
+def _error_picture(
+    disparity: np.ndarray, ground_truth: np.ndarray, norm: Normalize, colours: Colormap
+) -> np.ndarray:
+    """``[H, W, 3]`` colours of the errors; no estimate and no truth look different."""
+    known = np.isfinite(disparity) & np.isfinite(ground_truth)
+    error = np.where(
+        known, np.where(known, disparity, 0) - np.where(known, ground_truth, 0), np.nan
+    )
+    picture = colours(norm(np.ma.masked_invalid(error)))[..., :3]
+    picture[np.isfinite(ground_truth) & ~np.isfinite(disparity)] = to_rgb(MISSING)
+    return picture
+
+
+def _mark_border(axes: Axes, size: tuple[int, int], border: int) -> None:
+    """A thin line around the pixels that count."""
+    height, width = size
+    if border > 0 and min(size) > 2 * border:
+        corner = (border - 0.5, border - 0.5)
+        axes.add_patch(
+            Rectangle(
+                corner, width - 2 * border, height - 2 * border, fill=False, ec="#555555", lw=0.7
+            )
+        )
+
+
+def _shrink(images: np.ndarray, step: int) -> np.ndarray:
+    """Images ``[..., H, W]`` with blocks of ``step`` x ``step`` pixels averaged."""
+    if step <= 1:
+        return images
+    height, width = images.shape[-2:]
+    padding = [(0, 0)] * (images.ndim - 2) + [(0, -height % step), (0, -width % step)]
+    padded = np.pad(images, padding, mode="edge")
+    *leading, height, width = padded.shape
+    return padded.reshape(*leading, height // step, step, width // step, step).mean((-3, -1))

@@ -1,0 +1,164 @@
+"""Pictures: pixels are the values' colours, layouts hold, bytes are reproducible."""
+
+import io
+
+import imageio.v3 as imageio
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import colormaps
+
+from occjax.viz import (
+    comparison_figure,
+    confidence_figure,
+    disparity_figure,
+    error_figure,
+    occlusion_figure,
+    save,
+)
+from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
+from occjax.viz.colour import error_colours, limits
+
+LEFT, TOP = MARGIN, MARGIN + TITLE_HEIGHT
+RAMP = np.linspace(-1.0, 2.0, 12 * 17, dtype=np.float32).reshape(12, 17)
+
+
+def pixels(figure):
+    """What the picture looks like, ``[H, W, 3]`` uint8."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return imageio.imread(buffer.getvalue())[..., :3]
+
+
+def shown_map(figure, shape):
+    """The middle of every square that stands for a value."""
+    zoom = whole_zoom(shape)
+    image = pixels(figure)
+    rows = TOP + zoom // 2 + zoom * np.arange(shape[0])
+    columns = LEFT + zoom // 2 + zoom * np.arange(shape[1])
+    return image[rows[:, None], columns[None, :]]
+
+
+def test_every_value_of_a_map_is_shown_unresampled_in_viridis():
+    expected = colormaps["viridis"]((RAMP + 1.0) / 3.0, bytes=True)[..., :3]
+    np.testing.assert_allclose(
+        shown_map(disparity_figure(RAMP), RAMP.shape).astype(int), expected.astype(int), atol=1
+    )
+
+
+def test_confidence_colours_do_not_depend_on_the_range_of_the_map():
+    image = shown_map(confidence_figure(np.full((8, 8), 0.25)), (8, 8))
+    expected = np.array(colormaps["magma"](0.25, bytes=True)[:3], int)
+    np.testing.assert_allclose(image.astype(int), np.broadcast_to(expected, image.shape), atol=1)
+
+
+def test_pixels_without_a_value_are_grey():
+    values = RAMP.copy()
+    values[3, 4] = np.nan
+    values[5, 6] = np.inf
+    image = shown_map(disparity_figure(values), values.shape)
+    assert image[3, 4].tolist() == image[5, 6].tolist() == [0x8A, 0x8A, 0x8A]
+
+
+def test_bad_pixels_stand_out_and_signs_have_their_own_colour():
+    truth = np.zeros((4, 4))
+    estimate = np.zeros((4, 4))
+    estimate[0, :4] = [0.069, 0.071, -0.069, -0.071]
+    estimate[1, 0] = np.nan
+    truth[1, 1] = np.nan
+    image = shown_map(error_figure(estimate, truth), (4, 4)).astype(int)
+    good_near, bad_near, good_far, bad_far = image[0]
+    assert np.abs(good_near - bad_near).max() > 30
+    assert np.abs(good_far - bad_far).max() > 30
+    assert bad_near[0] > bad_near[2]  # too near is red
+    assert bad_far[0] < bad_far[2]  # too far is blue
+    assert image[1, 0].tolist() == [0, 0, 0]
+    assert image[1, 1].tolist() == [0x8A, 0x8A, 0x8A]
+    assert image[3, 3].min() > 240
+
+
+def test_error_colours_grow_darker_with_the_error():
+    errors = np.array([0.0, 0.03, 0.06, 0.08, 0.15, 0.21])
+    for sign in (-1.0, 1.0):
+        colours = error_colours(0.07, 0.21)(0.5 + sign * errors / 0.42)[:, :3]
+        assert (np.diff(colours.sum(axis=1)) < 0).all()
+
+
+def test_white_is_occluded_in_the_mosaic_and_views_are_in_grid_order():
+    occlusion = np.zeros((3, 5, 10, 14))
+    occlusion[0, 4] = 1.0
+    image = pixels(occlusion_figure(occlusion))
+    zoom = whole_zoom((30, 70), 650)
+    white = np.zeros((3, 5), bool)
+    for v, u in np.ndindex(3, 5):
+        y = TOP + v * (10 * zoom + 3) + 5 * zoom
+        x = LEFT + u * (14 * zoom + 3) + 7 * zoom
+        white[v, u] = image[y, x].min() == 255
+    assert np.argwhere(white).tolist() == [[0, 4]]
+
+
+def test_large_mosaics_are_averaged_not_skipped():
+    occlusion = np.zeros((9, 9, 290, 300))
+    occlusion[:, :, ::3, ::3] = 0.9  # one of every 3 x 3 pixels
+    image = pixels(occlusion_figure(occlusion))
+    assert max(image.shape[:2]) < 1400
+    np.testing.assert_allclose(image[TOP + 40, LEFT + 40], 25, atol=2)
+
+
+@pytest.mark.parametrize("shape", [(383, 552), (256, 256), (30, 400), (400, 24), (2, 2)])
+def test_layout_holds_for_any_aspect(shape):
+    values = np.linspace(0.0, 1.0, shape[0] * shape[1]).reshape(shape)
+    for figure in (disparity_figure(values), error_figure(values, values, title="E" * 50)):
+        image = pixels(figure)
+        assert (image[:, -4:] == 255).all()  # nothing runs off to the right ...
+        assert (image[-4:] == 255).all()  # ... or below
+        figure.draw_without_rendering()
+        width, height = figure.canvas.get_width_height()
+        for axes in figure.axes:
+            box = axes.get_tightbbox()
+            assert box.x0 >= 0
+            assert box.y0 >= 0
+            assert box.x1 <= width
+            assert box.y1 <= height
+
+
+@pytest.mark.parametrize("value", [0.0, 1.25, -3e4, np.nan])
+def test_constant_and_empty_maps_have_a_picture(value, tmp_path):
+    values = np.full((6, 7), value)
+    save(disparity_figure(values), tmp_path / "disparity.png")
+    save(error_figure(values, values), tmp_path / "error.png")
+    save(comparison_figure(np.zeros((6, 7, 1)), values, values), tmp_path / "comparison.png")
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_limits_leave_out_what_is_not_finite():
+    norm = limits(np.array([np.nan, 1.0, np.inf]), np.array([-2.0]))
+    assert (norm.vmin, norm.vmax) == (-2.0, 1.0)
+
+
+@pytest.mark.parametrize("size", [(40, 50), (700, 650)])
+@pytest.mark.parametrize("with_truth", [True, False])
+def test_comparison_shows_the_centre_view_first(size, with_truth):
+    centre = np.zeros((*size, 3), np.uint8)
+    centre[:, :] = (200, 100, 50)
+    values = np.random.default_rng(0).random(size)
+    image = pixels(comparison_figure(centre, values, values + 0.1 if with_truth else None))
+    assert image[TOP + 20, LEFT + 20].tolist() == [200, 100, 50]
+
+
+def test_equal_maps_give_equal_bytes_and_no_trace_of_the_software(tmp_path):
+    for name in ("one.png", "other.png"):
+        save(disparity_figure(RAMP), tmp_path / name)
+    one, other = ((tmp_path / name).read_bytes() for name in ("one.png", "other.png"))
+    assert one == other
+    assert b"tEXt" not in one
+    assert b"atplotlib" not in one
+
+
+def test_drawing_touches_no_global_state():
+    before = dict(matplotlib.rcParams)
+    pixels(comparison_figure(np.zeros((9, 9, 3)), np.eye(9), np.eye(9)))
+    assert dict(matplotlib.rcParams) == before
+    from matplotlib import _pylab_helpers
+
+    assert _pylab_helpers.Gcf.get_all_fig_managers() == []
