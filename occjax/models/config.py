@@ -27,7 +27,7 @@ def sampled(minimum: float, maximum: float, interval: float) -> tuple[float, ...
         ValueError: If the interval does not divide the range.
 
     Example:
-        >>> sampled(-1, 1, 0.5)
+        >>> sampled(-1.0, 1.0, 0.5)
         (-1.0, -0.5, 0.0, 0.5, 1.0)
     """
     steps = (maximum - minimum) / interval
@@ -144,7 +144,7 @@ def _around(interval: float) -> tuple[float, ...]:
     return sampled(-4 * interval, 4 * interval, interval)
 
 
-_COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4, 4, step) for step in (1, 1 / 2, 1 / 4))
+_COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4.0, 4.0, step) for step in (1.0, 1 / 2, 1 / 4))
 
 _WIDE = {"width": 150}  # LFattNet and SubFocal aggregate with 150 channels
 
@@ -167,11 +167,11 @@ PRESETS: dict[str, NetworkConfig] = {
     "occcasnet": _cascade(_COARSE_33, _around(1 / 8), occlusion="coarse"),
     # Single-stage volumes of the networks it is compared with.
     "lfattnet": NetworkConfig((StageConfig(_COARSE_9, **_WIDE),)),
-    "subfocal": NetworkConfig((StageConfig(sampled(-4, 4, 1 / 10), **_WIDE),)),
+    "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), **_WIDE),)),
     # Same structure as the final model, small enough for tests.
     "tiny": NetworkConfig(
         (
-            StageConfig(sampled(-2, 2, 1), width=8, residual_pairs=1),
+            StageConfig(sampled(-2.0, 2.0, 1.0), width=8, residual_pairs=1),
             StageConfig(sampled(-0.5, 0.5, 0.5), width=8, residual_pairs=1, occlusion="coarse"),
         ),
         views=(3, 3),

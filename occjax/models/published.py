@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,10 +93,14 @@ def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
         group = file.get("model_weights", file)
         if "layer_names" not in group.attrs:
             raise InputError(f"{path}: is not a Keras 2 weights file (no 'layer_names' attribute)")
-        for layer in group.attrs["layer_names"]:
-            for name in group[layer].attrs["weight_names"]:
-                name = name.decode() if isinstance(name, bytes) else str(name)
+        for layer in _text(group.attrs["layer_names"]):
+            for name in _text(group[layer].attrs["weight_names"]):
                 yield name, np.asarray(group[layer][name])
+
+
+def _text(names: Iterable[bytes | str]) -> list[str]:
+    """Keras writes bytes; a file copied by other tools may hold str."""
+    return [name.decode() if isinstance(name, bytes) else str(name) for name in names]
 
 
 def _group_by_layer(

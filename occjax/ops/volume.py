@@ -23,7 +23,7 @@ from occjax.ops.geometry import view_offsets
 from occjax.ops.sampling import Border, Rows, as_coordinates, shift, warp
 
 Combine = Callable[
-    [Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "h w k"]
+    [Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]
 ]
 """Registered views and their weights at one candidate -> that candidate's plane of the volume."""
 
@@ -124,7 +124,7 @@ def coarse_volume(
     combine: Combine = concatenate,
     streamed: bool = False,
     rows: Rows | None = None,
-) -> Float[Array, "d r w k"]:
+) -> Float[Array, "d ..."]:
     """Cost volume of whole-image sub-pixel shifts (eq. 2, shift-and-concat).
 
     Args:
@@ -139,7 +139,8 @@ def coarse_volume(
             too large for memory is done strip by strip.
 
     Returns:
-        ``[d, r, w, k]``, k as ``combine`` has it. Taps outside a view read zero.
+        ``[d, r, w, k]``, or ``[d, ...]`` with whatever planes ``combine`` makes. Taps outside a
+        view read zero.
 
     Example:
         >>> features = jnp.zeros((3, 3, 8, 8, 4))
@@ -168,8 +169,8 @@ def refined_volume(
     border: Border = "replicate",
     streamed: bool = False,
     first_row: int | Int[Array, ""] = 0,
-) -> Float[Array, "d r w k"]:
-    """Cost volume of per-pixel warps around a disparity map (eqs. 3 and 7).
+) -> Float[Array, "d ..."]:
+    """Cost volume of per-pixel warps around a disparity map (eqs. 3 and 8).
 
     Args:
         features: ``[v, u, h, w, c]`` features (or the images) of the views.
@@ -185,7 +186,7 @@ def refined_volume(
         first_row: Row of the centre view at which ``disparity`` begins.
 
     Returns:
-        ``[d, r, w, k]``, k as ``combine`` has it.
+        ``[d, r, w, k]``, or ``[d, ...]`` with whatever planes ``combine`` makes.
 
     Example:
         >>> features, disparity = jnp.zeros((3, 3, 8, 8, 4)), jnp.zeros((8, 8))
@@ -237,7 +238,7 @@ def warp_views(
 
 def _over_candidates(
     plane: Callable[[Array], Array], candidates: Float[Array, " d"], streamed: bool
-) -> Float[Array, "d h w k"]:
+) -> Float[Array, "d ..."]:
     return jax.lax.map(plane, candidates) if streamed else jax.vmap(plane)(candidates)
 
 

@@ -1,0 +1,174 @@
+"""The published layout and the published activations; the fixture keeps both in this repository."""
+
+import dataclasses
+import functools
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.models import OccCasNet, preset
+from occjax.models.published import load_published_weights
+from occjax.models.weights import load_weights
+from occjax.ops import occlusion_weights
+from tests.reference.make_fixture import load_fixture
+from tests.reference.published_layout import write_published_layout
+
+# What is compared, and how closely: the refined volume is looser because a coarse disparity that
+# differs in its last bits moves the taps of features of size 10.
+TOLERANCE = {
+    "feature_center": 1e-4,
+    "attention_coarse": 1e-4,
+    "attention_refined": 1e-4,
+    "occlusion_weight": 1e-4,
+    "coarse_volume_sample": 1e-4,
+    "refined_volume_sample": 5e-3,
+    "coarse_prob": 1e-3,
+    "refined_prob": 1e-3,
+    "disparity_coarse": 1e-3,
+    "disparity_refined": 1e-3,
+}
+
+
+@functools.partial(jax.jit, static_argnames="config")
+def intermediate_answers(variables, views, config):
+    network = OccCasNet(config)
+    coarse, refined = network.apply(variables, views)
+    features = network.apply(variables, views, method="extract")
+    v, u = config.views
+    octant = jnp.triu_indices(v // 2 + 1)
+
+    def volume(stage, before):
+        return network.apply(
+            variables, features, stage.candidates, before, stage.occlusion, method="volume"
+        )
+
+    return {
+        "feature_center": features[v // 2, u // 2],
+        "attention_coarse": coarse.attention[octant],
+        "attention_refined": refined.attention[octant],
+        "occlusion_weight": occlusion_weights(refined.occlusion),
+        "coarse_volume_sample": volume(coarse, None)[::8, ::7, ::5],
+        "refined_volume_sample": volume(refined, coarse.disparity)[::2, ::7, ::5],
+        "coarse_prob": coarse.probabilities.transpose(1, 2, 0),
+        "refined_prob": refined.probabilities.transpose(1, 2, 0),
+        "disparity_coarse": coarse.disparity,
+        "disparity_refined": refined.disparity,
+    }
+
+
+def assert_agree(ours, theirs):
+    for name, tolerance in TOLERANCE.items():
+        assert ours[name].shape == theirs[name].shape, name
+        error = np.abs(np.asarray(ours[name], np.float64) - theirs[name])
+        assert error.max() <= tolerance, f"{name}: {error.max():.1e}"
+    for name in ("disparity_coarse", "disparity_refined"):
+        assert np.abs(np.asarray(ours[name]) - theirs[name]).mean() <= 5e-5, name
+
+
+@pytest.mark.parametrize("warp", ["correct", "transposed"])
+def test_published_activations_come_out(shared, warp):
+    variables, config = load_weights(shared / "parity/official_layout_weights.h5", warp=warp)
+    with np.load(shared / f"parity/{warp}_warp.npz") as published:
+        answers = intermediate_answers(variables, jnp.asarray(published["light_field"]), config)
+        assert_agree(answers, published)
+
+
+@pytest.fixture(scope="module")
+def fixture():
+    return load_fixture()
+
+
+def small_config(fixture, **changes):
+    _, arrays = fixture
+    coarse, refined = preset("occcasnet").stages
+    candidates = [
+        tuple(map(float, arrays[name])) for name in ("coarse_candidates", "refined_candidates")
+    ]
+    stages = tuple(
+        dataclasses.replace(stage, candidates=values, width=8)
+        for stage, values in zip((coarse, refined), candidates, strict=True)
+    )
+    return preset("occcasnet", stages=stages, **changes)
+
+
+# Keras goes on counting when a program builds a second network.
+@pytest.mark.parametrize(("warp", "first_number"), [("correct", 0), ("transposed", 7)])
+def test_the_independent_network_agrees(fixture, tmp_path, warp, first_number):
+    weights, arrays = fixture
+    path = tmp_path / "weights.hdf5"
+    write_published_layout(path, weights, first_number=first_number)
+    config = small_config(fixture, warp=warp)
+    variables = load_published_weights(path, config)
+    answers = intermediate_answers(variables, jnp.asarray(arrays["light_field"]), config)
+    prefix = f"{warp}/"
+    assert_agree(
+        answers, {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}
+    )
+
+
+def without(name):
+    return lambda weights: {k: a for k, a in weights.items() if not k.endswith(name)}
+
+
+def with_value(name, change):
+    return lambda weights: {
+        key: change(array) if key.endswith(name) else array for key, array in weights.items()
+    }
+
+
+def with_new_name(old, new):
+    return lambda weights: {key.replace(old, new): array for key, array in weights.items()}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (without("conv3d_19/kernel:0"), "no conv3d weight for aggregation_1/score"),
+        (without("batch_normalization_51/gamma:0"), "batch_normalization_51 has no gamma"),
+        (
+            with_value("conv3d_9/kernel:0", lambda a: a[:2]),
+            r"conv3d_9/kernel: is \[2, 3, 3, 8, 1\]",
+        ),
+        (with_value("conv3d_3/kernel:0", lambda a: a * np.nan), "conv3d_3/kernel: is not finite"),
+        (with_new_name("conv3d_4/", "dense_4/"), "no place for dense_4/kernel:0"),
+        (
+            lambda weights: {**weights, "conv3d_20/conv3d_20/kernel:0": np.zeros((3, 3, 3, 8, 1))},
+            "no place for conv3d_20/kernel",
+        ),
+        (
+            lambda weights: {**weights, "conv3d_9/conv3d_9/bias:0": np.zeros(1)},
+            "no place for conv3d_9/bias",
+        ),
+    ],
+)
+def test_the_first_weight_that_does_not_fit_is_named(fixture, tmp_path, spoil, message):
+    path = tmp_path / "weights.h5"
+    write_published_layout(path, spoil(fixture[0]))
+    with pytest.raises(InputError, match=message) as error:
+        load_published_weights(path, small_config(fixture))
+    assert str(error.value).startswith(f"{path}: ")
+
+
+def test_files_that_are_no_weights_are_refused(tmp_path):
+    text = tmp_path / "text.h5"
+    text.write_text("no HDF5")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["data"] = [1.0]
+    for path, message in [
+        (text, "not a readable HDF5"),
+        (tmp_path / "other.h5", "not a Keras 2 weights file"),
+        (tmp_path / "absent.h5", "no such file"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            load_weights(path)
+
+
+def test_the_published_layout_defaults_to_the_transposed_warp(fixture, tmp_path):
+    path = tmp_path / "weights.h5"
+    write_published_layout(path, fixture[0])
+    assert load_weights(path, small_config(fixture))[1].warp == "transposed"
+    assert load_weights(path, small_config(fixture), warp="correct")[1].warp == "correct"
