@@ -18,8 +18,8 @@ class Estimate:
         standard_deviation: ``[H, W]`` float32 of the candidates' probabilities, in the unit of
             disparity.
         coarse: ``[H, W]`` float32 disparity of the first stage, if there is more than one.
-        occlusion: ``[V, U, H, W]`` float32 occlusion map of each view in [0, 1] (eq. 5 of the paper):
-            0 where the view sees what the centre view sees, towards 1 where it is occluded.
+        occlusion: ``[V, U, H, W]`` float32 occlusion map of each view in [0, 1] (eq. 5 of the
+            paper): 0 where the view sees what the centre view sees, towards 1 where it is occluded.
         disparity_range: ``(minimum, maximum)`` that was searched.
         model: Name of the estimator or of the network's preset.
         weights: Name of the weights, if the estimator has any.

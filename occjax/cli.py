@@ -1,0 +1,267 @@
+"""The command line: parse, call the library, print.
+
+Exit codes: 0 all went well; 1 some of several scenes failed; 2 the input cannot be used.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+import jax
+import platformdirs
+from tqdm import tqdm
+from tyro.conf import Positional, arg
+from tyro.extras import SubcommandApp
+
+import occjax
+from occjax.errors import InputError
+from occjax.evaluation import BORDER, THRESHOLDS, evaluate_files
+from occjax.inference import MODELS, Estimate, Estimator
+from occjax.inference.estimate import Precision
+from occjax.inference.outputs import Outputs, write_outputs
+from occjax.io import Layout, Orientation, OrientationReport, check, load
+from occjax.io.orientation import declared_orientation
+from occjax.models.config import Warp
+from occjax.models.fetch import fetch_published_weights
+
+app = SubcommandApp()
+weights_app = SubcommandApp()
+app.command(weights_app, name="weights", help="Weights of the networks.")
+
+Grid = Annotated[
+    tuple[int, int] | None, arg(metavar="V U", help="Rows and columns of views as stored.")
+]
+LayoutOption = Annotated[Layout | None, arg(help="How the views are stored; found out by default.")]
+Pattern = Annotated[
+    str | None, arg(help="File names of the views, with {v} and {u} or {i} in them.")
+]
+Order = Annotated[Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")]
+Flip = Annotated[
+    Literal["", "v", "u", "vu"], arg(help="Axes of the grid that run backwards in the files.")
+]
+Output = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
+
+
+@app.command(name="estimate")
+def estimate_command(
+    scenes: Positional[Annotated[tuple[Path, ...], arg(metavar="SCENE...")]],
+    output: Annotated[Output, arg(help="Results go to FOLDER/<scene>/.")],
+    model: Annotated[
+        Literal[MODELS] | None,  # type: ignore[valid-type]
+        arg(help="photometric needs no weights; the others are networks of the paper."),
+    ] = None,
+    weights: Annotated[
+        Path | None, arg(help="Weights: .safetensors, or the published .h5 / .hdf5.")
+    ] = None,
+    warp: Annotated[
+        Warp | None, arg(help="Warp of the refined volume, if not the weights' own.")
+    ] = None,
+    disparity_range: Annotated[
+        tuple[float, float] | None,
+        arg(metavar="MIN MAX", help="Disparities to search, in pixels per view step."),
+    ] = None,
+    precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
+    layout: LayoutOption = None,
+    pattern: Pattern = None,
+    grid: Grid = None,
+    order: Order = "vu",
+    flip: Flip = "",
+) -> int:
+    """Estimate disparity maps and write them, with pictures, to a folder per scene."""
+    if not scenes:
+        raise InputError("name at least one scene: a folder of views, an image or an array file")
+    estimator = Estimator(model, weights=weights, warp=warp, precision=precision)
+    names = _distinct_names(scenes)
+    failures = []
+    progress = tqdm(scenes, unit="scene", disable=len(scenes) == 1 or None, leave=False)
+    for scene in progress:
+        say = _phase_reporter(progress, names[scene])
+        try:
+            say("reading")
+            light_field = load(
+                scene, layout=layout, pattern=pattern, grid=grid, order=order, flip=flip
+            )
+            estimate = estimator(light_field, disparity_range=disparity_range, say=say)
+            say("writing")
+            outputs = write_outputs(estimate, light_field, output / names[scene])
+        except InputError as error:
+            if len(scenes) == 1:
+                raise
+            failures.append(scene)
+            tqdm.write(f"occjax: {error}", file=sys.stderr)
+        else:
+            tqdm.write(_report(names[scene], estimate, outputs))
+    if failures:
+        listed = ", ".join(str(scene) for scene in failures)
+        print(f"occjax: {len(failures)} of {len(scenes)} scenes failed: {listed}", file=sys.stderr)
+    return 1 if failures else 0
+
+
+@app.command(name="evaluate")
+def evaluate_command(
+    estimate: Positional[Path],
+    ground_truth: Positional[Path],
+    thresholds: Annotated[
+        tuple[float, ...], arg(help="BadPix thresholds, in pixels per view step.")
+    ] = THRESHOLDS,
+    border: Annotated[int, arg(help="Pixels left out at each side.")] = BORDER,
+    json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
+) -> int:
+    """Compare a disparity map (PFM or NPY) with the ground truth."""
+    metrics = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
+    print(json.dumps(metrics.as_dict(), indent=2) if json_ else metrics.table())
+    return 0
+
+
+@app.command(name="check")
+def check_command(
+    path: Positional[Path],
+    layout: LayoutOption = None,
+    pattern: Pattern = None,
+    grid: Grid = None,
+    order: Order = "vu",
+    flip: Flip = "",
+) -> int:
+    """Measure which way round the grid of views is, and the scene's disparity range."""
+    light_field = load(
+        path,
+        layout=layout,
+        pattern=pattern,
+        grid=grid,
+        order=order,
+        flip=flip,
+        check_orientation=False,
+    )
+    v, u = light_field.grid
+    h, w = light_field.image_size
+    print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
+    print(_layout_report(check(light_field), declared_orientation(order, flip)))
+    return 0
+
+
+@app.command(name="demo")
+def demo_command(
+    output: Annotated[Output, arg(help="Where the pictures go.")] = Path("occjax-demo"),
+) -> int:
+    """Estimate the bundled sample light field and compare it with its ground truth."""
+    from occjax.data.sample import sample
+
+    light_field = sample()
+    v, u = light_field.grid
+    h, w = light_field.image_size
+    print(f"the bundled sample: {v}x{u} views of {h}x{w} pixels, with exact ground truth")
+    estimate = Estimator()(light_field, say=_phase_reporter(None, light_field.name))
+    outputs = write_outputs(estimate, light_field, output)
+    print(_report(light_field.name, estimate, outputs))
+    return 0
+
+
+@weights_app.command(name="fetch")
+def fetch_command() -> int:
+    """Download the published OccCasNet weights (no licence: for your own use only)."""
+    path = fetch_published_weights()
+    print(f"{path}\nuse it with: occjax estimate SCENE -o FOLDER --weights {path}")
+    return 0
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    warnings.showwarning = _show_warning
+    _cache_compilations()
+    try:
+        code = app.cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
+    except InputError as error:
+        print(f"occjax: {error}", file=sys.stderr)
+        code = 2
+    except KeyboardInterrupt:
+        code = 130
+    sys.exit(code)
+
+
+def _cache_compilations() -> None:
+    """Keep compiled programs in the user's cache, so that a second run starts at once."""
+    jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("occjax") + "/xla")
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
+    """A warning as one line, without the place in the code that means nothing to a user."""
+    tqdm.write(f"occjax: warning: {message}", file=sys.stderr)
+
+
+def _distinct_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
+    """A folder name for each scene: its own, with its parents' where two would collide."""
+    names: dict[Path, str] = {}
+    for scene in scenes:
+        parts = scene.resolve().parts[1:]
+        own = (*parts[:-1], Path(parts[-1]).stem if scene.is_file() else parts[-1])
+        depth = 1
+        while (name := "_".join(own[-depth:])) in names.values() and depth < len(own):
+            depth += 1
+        names[scene] = name
+    return names
+
+
+def _phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
+    """Shows what is going on: on the progress bar, or as a line where there is none."""
+
+    def say(phase: str) -> None:
+        if progress is not None and not progress.disable:
+            progress.set_description(f"{name}: {phase}")
+        elif sys.stderr.isatty():
+            print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
+            if phase == "writing":
+                print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+    return say
+
+
+def _report(name: str, estimate: Estimate, outputs: Outputs) -> str:
+    """What a person wants to know about a finished scene."""
+    low, high = estimate.disparity_range
+    lines = [
+        f"{name}: {estimate.model}"
+        + (f" with {estimate.weights}" if estimate.weights else "")
+        + f", disparity searched in [{low:.2f}, {high:.2f}], "
+        + ", ".join(f"{phase} {value:.1f} s" for phase, value in estimate.seconds.items())
+    ]
+    lines += [f"  note: {note}" for note in outputs.notes]
+    if outputs.metrics is not None:
+        lines += [f"  {line}" for line in outputs.metrics.table().splitlines()]
+    lines.append(f"  written to {outputs.folder}: {', '.join(p.name for p in outputs.paths)}")
+    return "\n".join(lines)
+
+
+def _layout_report(report: OrientationReport, declared: Orientation) -> str:
+    """The eight layouts by their consistency, which of them is right, and the disparity range."""
+    lines = [
+        "",
+        "  mean grey difference from the centre view, at the best disparity of each pixel:",
+    ]
+    for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
+        lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
+    lines.append("")
+    right = declared.then(report.best)
+    if not report.clearly_worse:
+        lines.append("layout: as declared")
+    else:
+        flip = f" --flip {right.flip}" if right.flip else ""
+        lines.append(f"layout: {report.best.name}; pass --order {right.order}{flip}")
+    if report.nearer_in_front is not None:
+        lines.append(
+            f"  in {report.nearer_in_front:.0%} of the occlusions the nearer surface is in front"
+        )
+    if not report.sign_known:
+        lines.append(
+            "  too few occlusions to tell the sign of disparity: with rows and columns flipped "
+            "besides,\n  the views would be as consistent"
+        )
+    low, high = report.disparity_range
+    source = f"from {report.measured:.0%} of the pixels" if report.measured else "nothing measured"
+    lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
+    return "\n".join(lines)
