@@ -25,6 +25,9 @@ from occjax.lightfield import LightField, to_grey
 STEPS = (1, 2, 4)
 """Views of an arm that are compared: near ones for large disparities, far ones for precision."""
 
+MEAN_RADIUS = {1: 3, 2: 2, 3: 1}
+"""Half width in pixels of the mean of the cost, by views in an arm: few views need more pixels."""
+
 HIGH_PASS_RADIUS = 4
 """Half width in pixels of the local mean that is taken off."""
 
@@ -129,14 +132,14 @@ class CostVolumes:
         return np.minimum.reduce(arms) if arms else None
 
     def _arm(self, cross: Cross, arm: Arm, axis: int) -> np.ndarray:
-        """``[D, h, w]`` difference between the views of an arm and the centre, 3x3 mean."""
+        """``[D, h, w]`` difference between the views of an arm and the centre, local mean."""
         volume = np.empty((len(self.candidates), *cross.centre.shape), np.float32)
         for slice_, disparity in zip(volume, self.candidates, strict=True):
             differences = [
                 np.abs(_shift(image, disparity * offset / cross.scale, axis) - cross.centre)
                 for image, offset in zip(arm.images, arm.offsets, strict=True)
             ]
-            slice_[...] = box_mean(np.mean(differences, axis=0), 1)
+            slice_[...] = box_mean(np.mean(differences, axis=0), MEAN_RADIUS[len(differences)])
         return volume
 
 

@@ -124,6 +124,19 @@ def test_real_light_fields_are_recognised_in_all_eight_layouts(shared, scene):
         assert report.clearly_worse == (stored != DECLARED), stored.name
 
 
+@pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
+@pytest.mark.parametrize(
+    "crop", [np.s_[2:7, 2:7], np.s_[3:6, 3:6], np.s_[::4, ::4], np.s_[4:5, 3:6]]
+)
+def test_small_crops_of_real_grids_are_never_called_wrong_but_if_swapped(shared, scene, crop):
+    light_field = load(shared / "data" / scene, check_orientation=False)
+    small = LightField(np.ascontiguousarray(light_field.views[crop]))
+    assert not check(small).clearly_worse
+    report = check(Orientation(swap=True).apply(small))
+    assert report.clearly_worse
+    assert report.best.swap
+
+
 @pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013"])
 def test_the_range_of_real_light_fields_encloses_the_truth(shared, scene):
     light_field = load(shared / "data" / scene, check_orientation=False)
