@@ -239,10 +239,13 @@ def _write_comparison(
         return
     threshold = THRESHOLDS[0]
     bad = f"BadPix {threshold:g}: {metrics.badpix[threshold]:.2f} %"
-    options = {"bad": threshold, "border": metrics.border}
+    border = metrics.border
     title = f"Error   {bad}   MSE x100: {metrics.mse_x100:.3f}"
-    save(error_figure(disparity, truth, title=title, **options), folder / "error.png")
-    overview = comparison_figure(light_field.centre, disparity, truth, score=bad, **options)
+    error = error_figure(disparity, truth, title=title, bad=threshold, border=border)
+    save(error, folder / "error.png")
+    overview = comparison_figure(
+        light_field.centre, disparity, truth, score=bad, bad=threshold, border=border
+    )
     save(overview, folder / "comparison.png")
 
 

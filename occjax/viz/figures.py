@@ -17,6 +17,7 @@ from occjax.lightfield import to_unit_float
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zoom
 from occjax.viz.colour import (
     MISSING,
+    NO_VALUE,
     confidence_colours,
     disparity_colours,
     error_colours,
@@ -96,21 +97,23 @@ def occlusion_figure(
     rows, columns, height, width = occlusion.shape
     gap, longest = 3, 1300
     small = _shrink(occlusion, -(-max(rows * height, columns * width) // longest))
-    height, width = small.shape[2:]
-    zoom = whole_zoom((rows * height, columns * width), longest // 2)
-    pitch_y, pitch_x = height * zoom + gap, width * zoom + gap
+    zoom = whole_zoom((rows * small.shape[2], columns * small.shape[3]), longest // 2)
+    colours = colormaps["gray"].with_extremes(bad=NO_VALUE)
+    tiles = colours(np.ma.masked_invalid(small.repeat(zoom, -2).repeat(zoom, -1)))[..., :3]
+    height, width = tiles.shape[2:4]
+    white = [(0, 0), (0, 0), (0, gap), (0, gap), (0, 0)]
+    mosaic = np.pad(tiles, white, constant_values=1.0).transpose(0, 2, 1, 3, 4)
+    mosaic = mosaic.reshape(rows * (height + gap), columns * (width + gap), 3)[:-gap, :-gap]
+
     canvas = Canvas(
-        max(columns * pitch_x - gap, 360) + 2 * MARGIN,
-        rows * pitch_y - gap + TITLE_HEIGHT + 2 * MARGIN,
+        max(mosaic.shape[1], 360) + 2 * MARGIN, mosaic.shape[0] + TITLE_HEIGHT + 2 * MARGIN
     )
     canvas.title(title, MARGIN)
-    norm, colours = Normalize(0.0, 1.0), colormaps["gray"].with_extremes(bad="#5b2a2a")
-    for v, u in np.ndindex(rows, columns):
-        left, top = MARGIN + u * pitch_x, MARGIN + TITLE_HEIGHT + v * pitch_y
-        axes = canvas.image(small[v, u], left, top, zoom, colours=colours, norm=norm)
-        if (v, u) == (rows // 2, columns // 2):
-            frame = {"transform": axes.transAxes, "clip_on": False}
-            axes.add_patch(Rectangle((0, 0), 1, 1, fill=False, ec=CENTRE_VIEW, lw=2.0, **frame))
+    axes = canvas.image(mosaic, MARGIN, MARGIN + TITLE_HEIGHT, 1)
+    corner = (columns // 2 * (width + gap) - 1.5, rows // 2 * (height + gap) - 1.5)
+    frame = Rectangle(corner, width + 2, height + 2, fill=False, ec=CENTRE_VIEW, lw=2.0)
+    axes.add_patch(frame)
+    frame.set_clip_on(False)
     return canvas.figure
 
 
