@@ -24,7 +24,7 @@ from occjax.evaluation import BORDER, THRESHOLDS, evaluate_files
 from occjax.inference import MODELS, Estimate, Estimator
 from occjax.inference.estimate import Precision
 from occjax.inference.outputs import Outputs, write_outputs
-from occjax.io import Layout, Orientation, OrientationReport, check, load
+from occjax.io import Layout, Orientation, OrientationReport, OrientationWarning, check, load
 from occjax.io.orientation import declared_orientation
 from occjax.models.config import Warp
 from occjax.models.fetch import fetch_published_weights
@@ -171,15 +171,17 @@ def fetch_command() -> int:
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    warnings.showwarning = _show_warning
     _cache_compilations()
-    try:
-        code = app.cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
-    except InputError as error:
-        print(f"occjax: {error}", file=sys.stderr)
-        code = 2
-    except KeyboardInterrupt:
-        code = 130
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", OrientationWarning)
+        warnings.showwarning = _show_warning
+        try:
+            code = app.cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
+        except InputError as error:
+            print(f"occjax: {error}", file=sys.stderr)
+            code = 2
+        except KeyboardInterrupt:
+            code = 130
     sys.exit(code)
 
 

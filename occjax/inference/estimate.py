@@ -39,7 +39,7 @@ def estimate(
     weights: str | Path | None = None,
     warp: Warp | None = None,
     disparity_range: tuple[float, float] | None = None,
-    precision: Precision = "float32",
+    precision: str = "float32",
 ) -> Estimate:
     """Estimate the disparity of a light field's centre view.
 
@@ -53,7 +53,7 @@ def estimate(
         warp: ``"correct"`` or ``"transposed"``, in place of what the weights were trained with.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step. By default what
             the light field says, else what its photo-consistency shows.
-        precision: Type of a network's convolutions.
+        precision: Type of a network's convolutions, ``"float32"`` or ``"bfloat16"``.
 
     Returns:
         The estimate, as NumPy arrays.
@@ -87,7 +87,7 @@ class Estimator:
         *,
         weights: str | Path | None = None,
         warp: Warp | None = None,
-        precision: Precision = "float32",
+        precision: str = "float32",
     ) -> None:
         if model is not None and model not in MODELS:
             raise InputError(f"there is no model named {model!r}; there are {', '.join(MODELS)}")

@@ -1,0 +1,151 @@
+"""Estimators as users call them: ranges, grids, weights, and what they refuse."""
+
+import numpy as np
+import pytest
+
+import occjax
+from occjax.errors import InputError
+from occjax.inference import Estimator, estimate
+from occjax.models import preset
+from occjax.models.weights import save_weights
+from tests.reference.variables import random_variables
+from tests.scenes import plane
+
+
+@pytest.fixture(scope="module")
+def photometric():
+    return Estimator()
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_weights(path, random_variables(preset("tiny")), preset("tiny"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def tiny_estimator(tiny):
+    return Estimator(weights=tiny)
+
+
+def interior_error(result, light_field):
+    return np.abs(result.disparity - light_field.ground_truth)[6:-6, 6:-6]
+
+
+def test_a_slanted_plane_is_recovered(photometric):
+    light_field = plane(slope=(0.01, -0.005))
+    result = photometric(light_field, disparity_range=(-1.0, 2.0))
+    assert np.median(interior_error(result, light_field)) < 0.03
+    assert result.model == "photometric"
+    assert result.weights is None
+    assert result.disparity_range == (-1.0, 2.0)
+    assert result.disparity.dtype == np.float32
+    assert result.occlusion.shape == (3, 3, 40, 48)
+    assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
+
+
+def test_without_a_range_the_images_give_it(photometric):
+    light_field = plane(disparity=0.8)
+    result = photometric(light_field)
+    low, high = result.disparity_range
+    assert low < 0.8 < high
+    assert any("found by photo-consistency" in note for note in result.notes)
+    assert np.median(interior_error(result, light_field)) < 0.03
+
+
+def test_the_range_of_the_file_is_used_silently(photometric):
+    result = photometric(plane(disparity_range=(-1.0, 2.0)))
+    assert result.disparity_range == (-1.0, 2.0)
+    assert not result.notes
+
+
+def test_scenes_of_one_shape_are_compiled_once(photometric):
+    before = len(photometric._compiled)
+    photometric(plane(seed=1), disparity_range=(-1.0, 2.0))
+    photometric(plane(seed=2), disparity_range=(-1.2, 1.8))
+    assert len(photometric._compiled) <= before + 1
+
+
+def test_irregular_positions_are_used(photometric):
+    regular = plane(disparity=0.5)
+    # The same views declared twice as far apart have half the disparity.
+    offsets = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0], indexing="ij"), -1)
+    wide = plane(disparity=0.5, positions=offsets.astype(np.float32))
+    far = photometric(regular, disparity_range=(-1.0, 2.0)).disparity
+    near = photometric(wide, disparity_range=(-1.0, 2.0)).disparity
+    assert np.median(far[6:-6, 6:-6]) == pytest.approx(0.5, abs=0.03)
+    assert np.median(near[6:-6, 6:-6]) == pytest.approx(0.25, abs=0.03)
+
+
+def test_a_network_is_named_by_its_weights(tiny_estimator):
+    result = tiny_estimator(plane())
+    assert result.model == "tiny"
+    assert result.weights == "tiny.safetensors"
+    assert result.coarse.shape == (40, 48)
+    assert result.disparity_range == (-2.0, 2.0)
+
+
+def test_a_larger_grid_is_cropped_and_said(tiny_estimator):
+    large = plane(grid=(5, 7))
+    result = tiny_estimator(large)
+    assert "the central 3x3 of 5x7 views are used" in result.notes
+    same = tiny_estimator(large.central(3, 3))
+    np.testing.assert_array_equal(result.disparity, same.disparity)
+
+
+def test_a_range_elsewhere_moves_the_candidates(tiny_estimator):
+    result = tiny_estimator(plane(), disparity_range=(4.0, 6.0))
+    assert result.disparity_range == (3.0, 7.0)
+    assert result.coarse.min() >= 3.0
+    assert any("moved" in note for note in result.notes)
+
+
+def test_weights_of_the_transposed_warp_are_announced(tiny):
+    result = Estimator(weights=tiny, warp="transposed")
+    assert any("transposed" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": "no_such_model"}, r"no_such_model.*photometric, cas_1"),
+        ({"model": "occcasnet"}, "occjax weights fetch"),
+        ({"model": "photometric", "weights": "w.h5"}, "takes no weights"),
+        ({"warp": "correct"}, "no choice of warp"),
+        ({"precision": "float16"}, "float32 or bfloat16"),
+        ({"weights": "absent.safetensors"}, "absent.safetensors: there is no such file"),
+    ],
+)
+def test_options_that_do_not_fit_say_why(options, message):
+    with pytest.raises(InputError, match=message):
+        Estimator(**options)
+
+
+def test_weights_for_another_model_are_refused(tiny):
+    with pytest.raises(InputError, match="another network"):
+        Estimator("cas_1", weights=tiny)
+
+
+@pytest.mark.parametrize("bad", [(2.0, 1.0), (0.0, 0.0), (float("nan"), 1.0)])
+def test_a_range_that_is_none_is_refused(photometric, bad):
+    with pytest.raises(InputError, match="minimum < maximum"):
+        photometric(plane(), disparity_range=bad)
+
+
+def test_a_grid_too_small_names_what_fits(tiny_estimator):
+    with pytest.raises(InputError, match=r"has 1x5 views.*photometric"):
+        tiny_estimator(plane(grid=(1, 5)))
+
+
+def test_a_range_wider_than_the_network_is_refused(tiny_estimator):
+    with pytest.raises(InputError, match="photometric model takes any range"):
+        tiny_estimator(plane(), disparity_range=(-4.0, 4.0))
+
+
+def test_the_function_is_the_estimator(photometric):
+    light_field = plane()
+    result = estimate(light_field, disparity_range=(-1.0, 2.0))
+    again = photometric(light_field, disparity_range=(-1.0, 2.0))
+    np.testing.assert_array_equal(result.disparity, again.disparity)
+    assert occjax.estimate is estimate

@@ -1,0 +1,35 @@
+"""Light fields in closed form, for tests of what stands on everything else."""
+
+import numpy as np
+
+from occjax.lightfield import LightField
+
+
+def plane(
+    grid=(3, 3),
+    size=(40, 48),
+    disparity=0.6,
+    slope=(0.0, 0.0),
+    seed=0,
+    **fields,
+) -> LightField:
+    """A textured plane: the centre view's disparity is ``disparity + slope . (y, x)``.
+
+    The point that the centre view sees at (Y, X) is seen by view (v, u) at (Y - d v, X - d u), d
+    its disparity; with d linear in (Y, X) that is solved for (Y, X) in closed form. The texture is
+    a sum of sines, sampled exactly.
+    """
+    generator = np.random.default_rng(seed)
+    frequency = generator.uniform(-1.3, 1.3, (24, 2))
+    phase = generator.uniform(0, 2 * np.pi, (24, 3))
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    views = np.empty((*grid, *size, 3), np.float32)
+    for row, column in np.ndindex(grid):
+        v, u = row - grid[0] // 2, column - grid[1] // 2
+        # d = (disparity + slope . (y, x)) / (1 - slope . (v, u)) at pixel (y, x) of this view
+        d = (disparity + slope[0] * y + slope[1] * x) / (1 - slope[0] * v - slope[1] * u)
+        point = np.stack([y + d * v, x + d * u], -1)
+        waves = np.sin((point @ frequency.T)[..., None] + phase)
+        views[row, column] = 0.5 + waves.mean(-2) * 1.2
+    truth = (disparity + slope[0] * y + slope[1] * x).astype(np.float32)
+    return LightField(np.clip(views, 0, 1), ground_truth=truth, **{"name": "plane", **fields})

@@ -1,0 +1,172 @@
+"""The command line, in process: what it prints, writes and returns."""
+
+import json
+import sys
+
+import imageio.v3 as imageio
+import jax
+import numpy as np
+import pytest
+
+from occjax import cli
+from occjax.io import read_pfm, write_pfm
+from tests.scenes import plane
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """The user's cache folder; one for all tests, since filling it is most of their time."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, cache):
+    """Run ``occjax ARGUMENTS``; returns exit code, standard output and standard error."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    options = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    before = [getattr(jax.config, option) for option in options]
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["occjax", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        printed = capsys.readouterr()
+        return stopped.value.code, printed.out, printed.err
+
+    yield command
+    for option, value in zip(options, before, strict=True):
+        jax.config.update(option, value)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A folder in the layout of the HCI benchmark with ground truth, 9x9 views of 32x40."""
+    folder = tmp_path / "scene"
+    write_hci(folder, plane(grid=(9, 9), size=(32, 40), disparity=0.5))
+    return folder
+
+
+def write_hci(folder, light_field):
+    folder.mkdir()
+    views = (light_field.views * 255).round().astype(np.uint8).reshape(81, 32, 40, 3)
+    for number, view in enumerate(views):
+        imageio.imwrite(folder / f"input_Cam{number:03d}.png", view)
+    write_pfm(folder / "gt_disp_lowres.pfm", light_field.ground_truth)
+
+
+RANGE = ("--disparity-range", "-1", "2")
+
+
+def test_estimate_writes_the_map_and_says_how_good_it_is(run, scene, tmp_path):
+    code, out, err = run("estimate", scene, "-o", tmp_path / "out", *RANGE)
+    assert (code, err) == (0, "")
+    assert "BadPix 0.07" in out
+    disparity = read_pfm(tmp_path / "out/scene/disparity.pfm")
+    assert np.median(np.abs(disparity - 0.5)) < 0.03
+    summary = json.loads((tmp_path / "out/scene/summary.json").read_text())
+    assert summary["model"] == "photometric"
+    assert summary["searched_disparity_range"] == [-1.0, 2.0]
+
+
+def test_compiled_programs_are_kept_for_the_next_run(run, scene, tmp_path, cache):
+    def programs():
+        return {path.name for path in (cache / "occjax/xla").glob("*photometric*")}
+
+    run("estimate", scene, "-o", tmp_path / "out", *RANGE)
+    kept = programs()
+    jax.clear_caches()
+    run("estimate", scene, "-o", tmp_path / "out", *RANGE)
+    assert kept
+    assert programs() == kept  # found again by the same key, not compiled under another
+
+
+def test_one_bad_scene_does_not_stop_the_others(run, scene, tmp_path):
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    code, _, err = run("estimate", broken, scene, "-o", tmp_path / "out", *RANGE)
+    assert code == 1
+    assert "1 of 2 scenes failed" in err
+    assert "Traceback" not in err
+    assert (tmp_path / "out/scene/disparity.pfm").is_file()
+    assert not (tmp_path / "out/broken").exists()
+
+
+def test_scenes_of_the_same_name_do_not_overwrite_each_other(run, scene, tmp_path):
+    other = tmp_path / "other" / "scene"
+    other.parent.mkdir()
+    write_hci(other, plane(grid=(9, 9), size=(32, 40), disparity=1.0))
+    assert run("estimate", scene, other, "-o", tmp_path / "out", *RANGE)[0] == 0
+    assert np.median(np.load(tmp_path / "out/scene/disparity.npy")) == pytest.approx(0.5, abs=0.05)
+    second = np.load(tmp_path / "out/other_scene/disparity.npy")
+    assert np.median(second) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("estimate", "absent", "-o", "out"), "absent"),
+        (("estimate", "-o", "out"), "name at least one scene"),
+        (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),
+        (("evaluate", "absent.pfm", "truth.pfm"), "absent.pfm"),
+        (("check", "absent"), "absent"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert err.count("\n") == 1
+    assert message in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_evaluate_prints_the_errors_of_known_maps(run, tmp_path):
+    truth = np.zeros((60, 60), np.float32)
+    estimate = truth.copy()
+    estimate[15:45, 15:30] = 0.05  # half of the 30x30 pixels within the border
+    write_pfm(tmp_path / "truth.pfm", truth)
+    np.save(tmp_path / "estimate.npy", estimate)
+    code, out, _ = run("evaluate", tmp_path / "estimate.npy", tmp_path / "truth.pfm")
+    assert code == 0
+    for line in ("MSE x100     0.125", "BadPix 0.07  0.000 %", "BadPix 0.03  50.000 %"):
+        assert line in out
+    code, out, _ = run("evaluate", tmp_path / "estimate.npy", tmp_path / "truth.pfm", "--json")
+    assert json.loads(out)["badpix"]["0.03"] == 50.0
+
+
+def test_the_cotton_column_of_the_paper_comes_out(run, shared):
+    folder = shared / "data/hci/cotton_maps"
+    _, out, _ = run("evaluate", folder / "occcasnet_published.pfm", folder / "gt_disp_lowres.pfm")
+    for published in ("0.263 %", "0.569 %", "3.057 %", "0.201"):
+        assert published in out
+
+
+def test_check_names_the_right_layout_and_how_to_pass_it(run, scene):
+    code, out, err = run("check", scene)
+    assert (code, err) == (0, "")
+    assert "layout: as declared" in out
+    code, out, _ = run("check", scene, "--order", "uv")
+    assert "rows and columns swapped; pass --order vu" in out
+
+
+def test_estimate_warns_of_a_swapped_grid(run, scene, tmp_path):
+    code, _, err = run("estimate", scene, "-o", tmp_path / "out", "--order", "uv", *RANGE)
+    assert code == 0
+    assert "occjax: warning: " in err
+    assert "rows and columns swapped" in err
+
+
+def test_demo_measures_the_bundled_sample(run, tmp_path):
+    code, out, err = run("demo", "-o", tmp_path / "demo")
+    assert (code, err) == (0, "")
+    assert "BadPix 0.07" in out
+    assert str(tmp_path / "demo") in out
+    assert (tmp_path / "demo/comparison.png").is_file()
+    error = np.load(tmp_path / "demo/disparity.npy") - ground_truth_of_the_sample()
+    assert np.median(np.abs(error)) < 0.07
+
+
+def ground_truth_of_the_sample():
+    from occjax.data.sample import sample
+
+    return sample().ground_truth
