@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
     arrays = _arrays(path)
     views = check_views(path, _choose(path, arrays, key))
     with_views = arrays if key or "views" in arrays else {}
-    extras = {name: with_views[name] for name in EXTRAS if name in with_views}
+    extras: dict[str, Any] = {name: with_views[name] for name in EXTRAS if name in with_views}
     if "ground_truth" in extras:
         extras["ground_truth"] = check_ground_truth(path, extras["ground_truth"], views.shape[2:4])
     if "disparity_range" in extras:
@@ -70,7 +71,9 @@ def write_arrays(path: str | Path, light_field: LightField) -> None:
         (3, 3)
     """
     fields = {name: getattr(light_field, name) for name in EXTRAS}
-    present = {name: np.asarray(value) for name, value in fields.items() if value is not None}
+    present: dict[str, Any] = {
+        name: np.asarray(value) for name, value in fields.items() if value is not None
+    }
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, views=light_field.views, **present)
 

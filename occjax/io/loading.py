@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from occjax.errors import InputError
 from occjax.io.arrays import read_arrays
@@ -15,6 +15,7 @@ from occjax.io.folders import Progress, read_folder
 from occjax.io.hdf5 import read_hdf5
 from occjax.io.images import IMAGE_SUFFIXES
 from occjax.io.mosaics import read_mosaic
+from occjax.io.naming import FolderLayout
 from occjax.io.orientation import Orientation, declared_orientation
 from occjax.lightfield import LightField
 
@@ -78,7 +79,7 @@ def load(
     _check_options(layout, grid)
     with reading(path):
         path.stat()
-    stored = _read(path, layout, pattern, grid, key, progress)
+    stored = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
     if grid is not None and stored.grid != tuple(grid):
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
@@ -112,7 +113,8 @@ def _read(
     if path.is_dir():
         if layout in ("tiled", "macpi", "array", "hdf5"):
             raise InputError(f"{path}: is a folder, but layout={layout!r} is a file; name the file")
-        return read_folder(path, layout=layout, pattern=pattern, grid=grid, progress=progress)
+        in_folder = cast(FolderLayout | None, layout)
+        return read_folder(path, layout=in_folder, pattern=pattern, grid=grid, progress=progress)
     if pattern is not None or layout in ("hci", "lytro", "urbanlf", "stanford"):
         option = f"layout={layout!r}" if pattern is None else f"pattern={pattern!r}"
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")

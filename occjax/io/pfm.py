@@ -41,9 +41,9 @@ def read_pfm(path: str | Path) -> np.ndarray:
     path = Path(path)
     with reading(path):
         data = path.read_bytes()
-    (magic, width, height, scale), start = _header(path, data)
+    (magic, columns, rows, scale), start = _header(path, data)
     channels = {"PF": 3, "Pf": 1}[magic]
-    width, height = _size(path, width), _size(path, height)
+    width, height = _size(path, columns), _size(path, rows)
     byte_order = "<f4" if _scale(path, scale) < 0 else ">f4"
     expected, found = width * height * channels * 4, len(data) - start
     if found != expected:

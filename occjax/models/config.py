@@ -146,7 +146,7 @@ def _around(interval: float) -> tuple[float, ...]:
 
 _COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4.0, 4.0, step) for step in (1.0, 1 / 2, 1 / 4))
 
-_WIDE = {"width": 150}  # LFattNet and SubFocal aggregate with 150 channels
+_WIDE = 150  # LFattNet and SubFocal aggregate with 150 channels
 
 PRESETS: dict[str, NetworkConfig] = {
     # Table 3 of the paper, row by row.
@@ -166,8 +166,8 @@ PRESETS: dict[str, NetworkConfig] = {
     # The final model: Cas_2-occ with 33 and 9 candidates.
     "occcasnet": _cascade(_COARSE_33, _around(1 / 8), occlusion="coarse"),
     # Single-stage volumes of the networks it is compared with.
-    "lfattnet": NetworkConfig((StageConfig(_COARSE_9, **_WIDE),)),
-    "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), **_WIDE),)),
+    "lfattnet": NetworkConfig((StageConfig(_COARSE_9, width=_WIDE),)),
+    "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), width=_WIDE),)),
     # Same structure as the final model, small enough for tests.
     "tiny": NetworkConfig(
         (

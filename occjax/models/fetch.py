@@ -11,7 +11,7 @@ import hashlib
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing
 from http.client import HTTPException, IncompleteRead
 from pathlib import Path
@@ -129,7 +129,7 @@ def _download(url: str, target: Path, progress: bool) -> None:
             bar.update(len(chunk))
 
 
-def _body(url: str) -> Iterator[tuple[bytes, int | None]]:
+def _body(url: str) -> Generator[tuple[bytes, int | None], None, None]:
     """Pieces of what ``url`` delivers, each with the announced length of the whole.
 
     A generator, so that only errors of the network pass through its ``except``, not those of the
