@@ -5,8 +5,10 @@ Exit codes: 0 all went well; 1 some of several scenes failed; 2 the input cannot
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -83,10 +85,13 @@ def estimate_command(
         say = _phase_reporter(progress, names[scene])
         try:
             say("reading")
+            begin = time.perf_counter()
             light_field = load(
                 scene, layout=layout, pattern=pattern, grid=grid, order=order, flip=flip
             )
+            seconds = {"load": time.perf_counter() - begin}
             estimate = estimator(light_field, disparity_range=disparity_range, say=say)
+            estimate = dataclasses.replace(estimate, seconds=seconds | estimate.seconds)
             say("writing")
             outputs = write_outputs(estimate, light_field, output / names[scene])
         except InputError as error:

@@ -66,6 +66,8 @@ def test_estimate_writes_the_map_and_says_how_good_it_is(run, scene, tmp_path):
     summary = json.loads((tmp_path / "out/scene/summary.json").read_text())
     assert summary["model"] == "photometric"
     assert summary["searched_disparity_range"] == [-1.0, 2.0]
+    assert set(summary["seconds"]) == {"load", "compile", "run"}
+    assert all(seconds > 0 for seconds in summary["seconds"].values())
 
 
 def test_compiled_programs_are_kept_for_the_next_run(run, scene, tmp_path, cache):
