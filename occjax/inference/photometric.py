@@ -2,11 +2,12 @@
 
 The steps, each a function of :mod:`occjax.ops`:
 
-1. costs of all candidates from grey values and their gradients, best half of the aperture;
+1. costs of all candidates from grey values and their gradients, best part of the aperture;
 2. semi-global aggregation guided by the centre view, which carries disparity across untextured
    regions and stops at edges;
 3. the cheapest candidate, to a fraction of the spacing by a parabola through its neighbours;
-4. confidence from the spread of the aggregated costs, occlusion maps from the disparity.
+4. refinement by planes through what all views, weighted by visibility and texture, say near it;
+5. confidence from the spread of the aggregated costs, occlusion maps from the disparity.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from jaxtyping import Array, Float
 
 from occjax.errors import InputError
 from occjax.lightfield import GREY_WEIGHTS
-from occjax.ops.filtering import semi_global
-from occjax.ops.matching import half_aperture_costs
+from occjax.ops.matching import aperture_costs, semi_global
 from occjax.ops.occlusion import occlusion_maps
+from occjax.ops.refinement import median_filter, refine_disparity
 from occjax.ops.regression import confidence
 
 
@@ -39,14 +40,18 @@ class PhotometricConfig:
             a factor e.
         temperature: Difference of aggregated cost over which a candidate becomes less probable by a
             factor e; sets confidence and standard deviation, not disparity.
+        refinement_steps: Number of Lucas-Kanade steps after the search; 0 leaves them out.
+        refinement_radius: Reach of the planes fitted in each, in pixels.
     """
 
-    grey_truncation: float = 0.05
-    gradient_truncation: float = 0.02
-    smoothness: float = 0.5
-    jump: float = 0.6
+    grey_truncation: float = 0.02
+    gradient_truncation: float = 0.004
+    smoothness: float = 0.6
+    jump: float = 2.0
     edge: float = 0.03
     temperature: float = 0.1
+    refinement_steps: int = 2
+    refinement_radius: float = 8.0
 
 
 class PhotometricResult(NamedTuple):
@@ -102,7 +107,7 @@ def photometric(
     """
     if len(candidates) < 3:
         raise InputError(f"photometric searches at least 3 candidates, not {len(candidates)}")
-    dtype = jnp.promote_types(views.dtype, jnp.float32)
+    dtype = jnp.float64 if views.dtype == jnp.float64 else jnp.float32
     views, candidates = views.astype(dtype), candidates.astype(dtype)
     grey = _grey(views)
     v, u = grey.shape[:2]
@@ -110,9 +115,8 @@ def photometric(
     truncation = jnp.array(
         [config.grey_truncation, config.gradient_truncation, config.gradient_truncation], dtype
     )
-    costs = half_aperture_costs(
-        _grey_and_gradients(grey), candidates, truncation=truncation, offsets=offsets
-    )
+    features = _grey_and_gradients(grey)
+    costs = aperture_costs(features, candidates, truncation=truncation, offsets=offsets)
     spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
     costs = semi_global(
         costs,
@@ -121,12 +125,22 @@ def photometric(
         large_penalty=config.jump,
         guide_scale=config.edge,
     )
-    disparity = cheapest(costs, candidates)
+    coarse = median_filter(cheapest(costs, candidates))
+    disparity = refine_disparity(
+        features[..., 1:],
+        coarse,
+        centre,
+        offsets=offsets,
+        steps=config.refinement_steps,
+        largest_step=spacing,
+        radius=config.refinement_radius,
+    )
+    disparity = jnp.clip(disparity, candidates[0], candidates[-1])
     probabilities = jax.nn.softmax(-costs / config.temperature, axis=0)
     spread = confidence(probabilities, candidates)
     occlusion = occlusion_maps(grey[..., None], disparity, offsets=offsets)
     certainty = spread.certainty(len(candidates))
-    return PhotometricResult(disparity, certainty, spread.standard_deviation, occlusion, disparity)
+    return PhotometricResult(disparity, certainty, spread.standard_deviation, occlusion, coarse)
 
 
 def cheapest(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Float[Array, "h w"]:

@@ -1,10 +1,9 @@
-"""Edge-aware aggregation of cost volumes and maps, guided by an image.
+"""Edge-aware smoothing of maps and cost volumes, guided by images.
 
 * :func:`box_filter`: plain means over a square window;
 * :func:`guided_filter`: local, keeps the edges of the guide (He, Sun, Tang, Guided Image Filtering,
   TPAMI 2013);
-* :func:`semi_global`: carries evidence across whole untextured regions (Hirschmueller, Stereo
-  Processing by Semiglobal Matching and Mutual Information, TPAMI 2008).
+* :func:`fit_planes`: weighted local planes, which follow slanted surfaces and stop at edges.
 """
 
 from __future__ import annotations
@@ -78,103 +77,96 @@ def guided_filter(
     return jax.lax.map(one, planes).reshape(image.shape)
 
 
-def semi_global(
-    costs: Float[Array, "d h w"],
-    guide: Float[Array, "h w"],
+def fit_planes(
+    values: Float[Array, "h w"],
+    weights: Float[Array, "h w"],
+    guides: Float[Array, "g h w"],
     *,
-    small_penalty: Float[Array, ""] | float,
-    large_penalty: Float[Array, ""] | float,
-    guide_scale: float,
-) -> Float[Array, "d h w"]:
-    """Aggregate a cost volume along eight straight paths into each pixel.
+    radius: float,
+    ridge: float = 1e-3,
+    passes: int = 2,
+) -> Float[Array, "h w"]:
+    """Fit a plane to the weighted values around each pixel, not reaching across edges.
 
-    The cost of candidate k at pixel p along a path is its own cost plus the cheapest way to come
-    from the pixel q before::
-
-        L(p, k) = C(p, k) - min L(q)
-                + min(L(q, k), L(q, k - 1) + P1, L(q, k + 1) + P1, min L(q) + P2)
-
-    with ``P2 = max(P1, large_penalty * exp(-|guide(p) - guide(q)| / guide_scale))``: disparity may
-    jump where the guide does. The result is the mean over the paths, so its scale is that of the
-    costs accumulated over a neighbourhood. Time is O(d h w) and memory that of a few volumes.
+    The neighbourhood is that of the domain transform (Gastal, Oliveira, Domain Transform for
+    Edge-Aware Image and Video Processing, SIGGRAPH 2011): from pixel to neighbouring pixel its
+    weight falls by ``exp(-sqrt(2) (1 / radius + sum_g |difference of guide g|))``, along columns,
+    then along rows. Unlike an average, a plane does not flatten slanted surfaces, however unevenly
+    the weights lie. Time is O(h w), whatever the radius.
 
     Args:
-        costs: ``[d, h, w]`` cost of each candidate, candidates in increasing order.
-        guide: ``[h, w]`` image of the centre view.
-        small_penalty: P1, for a step to a neighbouring candidate (slanted surfaces).
-        large_penalty: Upper bound of P2, for any larger step (depth edges).
-        guide_scale: Difference of the guide over which P2 falls by a factor e.
+        values: ``[h, w]`` values, for example a noisy disparity map.
+        weights: ``[h, w]`` positive weight of each value, for example its inverse variance.
+        guides: ``[g, h, w]`` maps whose edges are kept, each in units of the difference that counts
+            as an edge.
+        radius: Reach in the absence of edges, in pixels.
+        ridge: Draws the slopes to zero where the values say little about them: the variance of
+            position, in units of (64 pixels)^2, that does as much.
+        passes: Times the neighbourhood is grown over rows and columns, each by half the last
+            radius; more leave fewer stripes along the axes.
 
     Returns:
-        ``[d, h, w]`` aggregated costs.
+        ``[h, w]`` height of each pixel's plane at the pixel.
 
     Example:
-        >>> noisy = jnp.array([[0.0, 0.0, 0.3, 0.0, 0.0], [0.2, 0.2, 0.2, 0.2, 0.2]])[:, None]
-        >>> smooth = semi_global(
-        ...     noisy, jnp.zeros((1, 5)), small_penalty=0.5, large_penalty=1.0, guide_scale=0.1
-        ... )
-        >>> noisy.argmin(0)[0].tolist(), smooth.argmin(0)[0].tolist()
-        ([0, 0, 1, 0, 0], [0, 0, 0, 0, 0])
+        >>> ramp = jnp.tile(jnp.linspace(0.0, 1.0, 9), (9, 1))
+        >>> flat = fit_planes(ramp, jnp.ones((9, 9)), jnp.zeros((0, 9, 9)), radius=4.0, ridge=0.0)
+        >>> bool(jnp.abs(flat - ramp).max() < 1e-3)
+        True
     """
-    small = jnp.asarray(small_penalty, costs.dtype)
-    large = jnp.asarray(large_penalty, costs.dtype)
-    by_row, by_column = jnp.moveaxis(costs, 0, 1), jnp.moveaxis(costs, 2, 0)
-    total = jnp.zeros_like(by_row)
-    for slope in (0, 1, -1):
-        for reverse in (False, True):
-            total = total + _along_rows(by_row, guide, small, large, guide_scale, slope, reverse)
-    total = jnp.moveaxis(total, 1, 0)
-    for reverse in (False, True):
-        path = _along_rows(by_column, guide.T, small, large, guide_scale, 0, reverse)
-        total = total + jnp.moveaxis(path, 0, 2)
-    return total / 8
+    h, w = values.shape
+    unit = 64.0  # keeps the second moments near one
+    y = (jnp.arange(h, dtype=values.dtype) - h / 2)[:, None] / unit * jnp.ones_like(values)
+    x = (jnp.arange(w, dtype=values.dtype) - w / 2)[None, :] / unit * jnp.ones_like(values)
+    moments = jnp.stack(
+        [jnp.ones_like(x), x, y, x * x, x * y, y * y, values, values * x, values * y]
+    )
+    moments = moments * weights[None]
+    along_rows, along_columns = (
+        jnp.sqrt(2.0).astype(values.dtype)
+        * (1 / radius + jnp.abs(jnp.diff(guides, axis=axis)).sum(0))
+        for axis in (2, 1)
+    )
+    for pass_ in range(passes):
+        moments = _spread(moments, jnp.exp(-(2**pass_) * along_columns))
+        moments = jnp.moveaxis(
+            _spread(jnp.moveaxis(moments, 2, 1), jnp.exp(-(2**pass_) * along_rows).T), 1, 2
+        )
+    _, x_mean, y_mean, xx, xy, yy, mean, x_value, y_value = moments / moments[:1]
+    xx = jnp.maximum(xx - x_mean * x_mean, 0.0) + ridge
+    yy = jnp.maximum(yy - y_mean * y_mean, 0.0) + ridge
+    xy = xy - x_mean * y_mean
+    x_value, y_value = x_value - x_mean * mean, y_value - y_mean * mean
+    determinant = jnp.maximum(xx * yy - xy * xy, 1e-12)
+    slope_x = (x_value * yy - y_value * xy) / determinant
+    slope_y = (y_value * xx - x_value * xy) / determinant
+    return mean + slope_x * (x - x_mean) + slope_y * (y - y_mean)
 
 
 def _running_mean(image: Array, radius: int, axis: int) -> Array:
     """Mean of the ``2 radius + 1`` neighbours along one axis.
 
-    A matrix product with a band of ones: one call for any radius, where sums of slices grow with
-    the radius and differences of running sums lose precision.
+    A sum of slices, which fuse into one pass; differences of running sums would lose precision.
     """
     size = image.shape[axis]
-    positions = jnp.clip(
-        jnp.arange(size)[:, None] + jnp.arange(-radius, radius + 1)[None, :], 0, size - 1
-    )
-    band = jax.nn.one_hot(positions, size, dtype=image.dtype).mean(1)
-    product = jnp.tensordot(image, band, ((axis,), (1,)), precision="highest")
-    return jnp.moveaxis(product, -1, axis)
+    padding = [(0, 0)] * image.ndim
+    padding[axis] = (radius, radius)
+    padded = jnp.pad(image, padding, mode="edge")
+    slices = (jax.lax.slice_in_dim(padded, k, k + size, axis=axis) for k in range(2 * radius + 1))
+    return sum(slices, jnp.zeros_like(image)) / (2 * radius + 1)
 
 
-def _along_rows(
-    costs: Array,
-    guide: Array,
-    small: Array,
-    large: Array,
-    guide_scale: float,
-    slope: int,
-    reverse: bool,
-) -> Array:
-    """Path costs ``[y, d, x]`` of paths that move one row, and ``slope`` columns, at each step."""
-    beyond = jnp.full((1, costs.shape[2]), jnp.inf, costs.dtype)
+def _spread(maps: Array, keep: Array) -> Array:
+    """Sum over each column, a value fading by ``keep`` [h - 1, w] from one row to the next."""
+    rows = jnp.moveaxis(maps, 1, 0)
+    none = jnp.zeros_like(keep[:1])
 
-    def step(before, here):
-        path, guide_before = before
-        cost, guide_here = here
-        if slope:
-            # A path that enters through the image's side starts there, with nothing accumulated.
-            entry = 0 if slope > 0 else -1
-            path = jnp.roll(path, slope, axis=1).at[:, entry].set(0.0)
-            guide_before = jnp.roll(guide_before, slope)
-        jump = jnp.maximum(
-            small, large * jnp.exp(-jnp.abs(guide_here - guide_before) / guide_scale)
-        )
-        cheapest = path.min(0, keepdims=True)
-        neighbour = jnp.minimum(
-            jnp.concatenate([path[1:], beyond]), jnp.concatenate([beyond, path[:-1]])
-        )
-        arrival = jnp.minimum(jnp.minimum(path, neighbour + small), cheapest + jump[None])
-        path = cost + arrival - cheapest
-        return (path, guide_here), path
+    def step(carried, here):
+        row, kept = here
+        carried = row + kept[None] * carried
+        return carried, carried
 
-    start = (jnp.zeros_like(costs[0]), guide[-1] if reverse else guide[0])
-    return jax.lax.scan(step, start, (costs, guide), reverse=reverse)[1]
+    start = jnp.zeros_like(rows[0])
+    down = jax.lax.scan(step, start, (rows, jnp.concatenate([none, keep])))[1]
+    up = jax.lax.scan(step, start, (rows, jnp.concatenate([keep, none])), reverse=True)[1]
+    return jnp.moveaxis(down + up - rows, 0, 1)

@@ -1,12 +1,17 @@
-"""Matching costs without learning: how well the views agree at each disparity candidate.
+"""Matching without learning: how well the views agree at each disparity candidate.
+
+:func:`aperture_costs` compares the views, :func:`semi_global` carries the costs along
+straight paths across the image.
 
 An occluder hides a point from some views, and it hides it from views on one side together. So the
 views are split into eight sectors by the direction from the centre view, and each pixel takes the
-half of the aperture (five neighbouring sectors, the outer two counted half) that agrees best: at a
-straight occluding edge one half sees past it.
+part of the aperture that agrees best: a half (five neighbouring sectors, the outer two counted
+half) sees past a straight occluding edge, a quarter (three sectors) past a corner.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -14,30 +19,38 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.errors import InputError
+from occjax.ops.filtering import box_filter
 from occjax.ops.geometry import view_offsets
+from occjax.ops.sampling import as_coordinates
 
+Aperture = Literal["half", "quarter"]
 SECTORS = 8
 
 
-def half_aperture_costs(
+def aperture_costs(
     features: Float[Array, "v u h w c"],
     candidates: Float[Array, " d"],
     *,
     truncation: Float[Array, " c"],
+    aperture: Aperture = "quarter",
+    radius: int = 1,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
-    """Truncated absolute differences to the centre view, over the best half of the aperture.
+    """Truncated absolute differences to the centre view, over the best part of the aperture.
 
     For the view k shifted by candidate d,
     ``e_k = mean_c min(|feature_k - feature_centre| / truncation_c, 1)``; the cost is the least of
-    the mean of ``e_k`` over all views and its means over eight half apertures. Borders are
-    replicated. Time is O(v u d h w c); memory is that of the padded features and the result.
+    the mean of ``e_k`` over all views and its means over the eight parts of the aperture. Borders
+    are replicated. Time is O(v u d h w c); memory is that of the padded features and the result.
 
     Args:
         features: ``[v, u, h, w, c]`` views or features of them, for example grey and its gradients.
         candidates: ``[d]`` disparities, pixels per view step.
         truncation: ``[c]`` difference of each feature that counts as "something else", so that
             highlights and occluders are not followed.
+        aperture: What is compared beside the whole aperture: its eight halves or eight quarters.
+        radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
+            in pixels; without it noise makes the choice.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default. Sectors go by the place in the grid.
 
@@ -51,14 +64,14 @@ def half_aperture_costs(
         >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
         >>> views = jnp.stack([ramp - 1.0, ramp, ramp + 1.0])[None]  # disparity 1
         >>> candidates = jnp.array([-1.0, 0.0, 1.0])
-        >>> half_aperture_costs(views, candidates, truncation=jnp.array([4.0]))[:, 4, 4].tolist()
+        >>> aperture_costs(views, candidates, truncation=jnp.array([4.0]))[:, 4, 4].tolist()
         [0.5, 0.25, 0.0]
     """
     v, u, h, w, c = features.shape
     if offsets is None:
         offsets = view_offsets(v, u)
     others, sectors = _sectors(v, u)
-    halves = jnp.asarray(_half_apertures(sectors), features.dtype)
+    parts = jnp.asarray(_parts(sectors, aperture), features.dtype)
     planes = jnp.moveaxis(features.reshape(v * u, h, w, c), -1, 1)
     centre = planes[(v // 2) * u + u // 2]
     margin = max(h, w) // 4 + 1
@@ -68,8 +81,11 @@ def half_aperture_costs(
         planes, ((0, 0), (0, 0), (margin, margin + 1), (margin, margin + 1)), mode="edge"
     )
     # One step for each feature of each view: a single pass over memory, whatever c is.
-    view, channel = (jnp.asarray(index.ravel()) for index in np.meshgrid(others, np.arange(c)))
+    view, channel = (
+        jnp.asarray(index.ravel(), jnp.int32) for index in np.meshgrid(others, np.arange(c))
+    )
     sector = jnp.asarray(np.tile(sectors, c))
+    candidates, offsets = as_coordinates(candidates, offsets)
     displacements = -offsets.reshape(-1, 2)[view]
     scale = (1 / (c * truncation)).astype(features.dtype)[channel]
 
@@ -83,9 +99,62 @@ def half_aperture_costs(
 
         start = jnp.zeros((SECTORS, h, w), features.dtype)
         sums, _ = jax.lax.scan(add_feature, start, (view, channel, sector, displacements, scale))
-        return jnp.tensordot(halves, sums, 1, precision="highest").min(0)
+        return jnp.tensordot(parts, box_filter(sums, radius), 1, precision="highest").min(0)
 
     return jax.lax.map(plane, candidates)
+
+
+def semi_global(
+    costs: Float[Array, "d h w"],
+    guide: Float[Array, "h w"],
+    *,
+    small_penalty: Float[Array, ""] | float,
+    large_penalty: Float[Array, ""] | float,
+    guide_scale: float,
+) -> Float[Array, "d h w"]:
+    """Aggregate a cost volume along eight straight paths into each pixel.
+
+    Semi-global matching (Hirschmueller, Stereo Processing by Semiglobal Matching and Mutual
+    Information, TPAMI 2008). The cost of candidate k at pixel p along a path is its own cost plus
+    the cheapest way to come from the pixel q before::
+
+        L(p, k) = C(p, k) - min L(q)
+                + min(L(q, k), L(q, k - 1) + P1, L(q, k + 1) + P1, min L(q) + P2)
+
+    with ``P2 = max(P1, large_penalty * exp(-|guide(p) - guide(q)| / guide_scale))``: disparity may
+    jump where the guide does. The result is the mean over the paths, so its scale is that of the
+    costs accumulated over a neighbourhood. Time is O(d h w) and memory that of a few volumes.
+
+    Args:
+        costs: ``[d, h, w]`` cost of each candidate, candidates in increasing order.
+        guide: ``[h, w]`` image of the centre view.
+        small_penalty: P1, for a step to a neighbouring candidate (slanted surfaces).
+        large_penalty: Upper bound of P2, for any larger step (depth edges).
+        guide_scale: Difference of the guide over which P2 falls by a factor e.
+
+    Returns:
+        ``[d, h, w]`` aggregated costs.
+
+    Example:
+        >>> noisy = jnp.array([[0.0, 0.0, 0.3, 0.0, 0.0], [0.2, 0.2, 0.2, 0.2, 0.2]])[:, None]
+        >>> smooth = semi_global(
+        ...     noisy, jnp.zeros((1, 5)), small_penalty=0.5, large_penalty=1.0, guide_scale=0.1
+        ... )
+        >>> noisy.argmin(0)[0].tolist(), smooth.argmin(0)[0].tolist()
+        ([0, 0, 1, 0, 0], [0, 0, 0, 0, 0])
+    """
+    small = jnp.asarray(small_penalty, costs.dtype)
+    large = jnp.asarray(large_penalty, costs.dtype)
+    by_row, by_column = jnp.moveaxis(costs, 0, 1), jnp.moveaxis(costs, 2, 0)
+    total = jnp.zeros_like(by_row)
+    for slope in (0, 1, -1):
+        for reverse in (False, True):
+            total = total + _along_rows(by_row, guide, small, large, guide_scale, slope, reverse)
+    total = jnp.moveaxis(total, 1, 0)
+    for reverse in (False, True):
+        path = _along_rows(by_column, guide.T, small, large, guide_scale, 0, reverse)
+        total = total + jnp.moveaxis(path, 0, 2)
+    return total / 8
 
 
 def _shift(padded: Array, plane: tuple[Array, Array], displacement: Array, margin: int) -> Array:
@@ -118,12 +187,48 @@ def _sectors(v: int, u: int) -> tuple[np.ndarray, np.ndarray]:
     return others, np.round(angle * SECTORS / (2 * np.pi)).astype(int) % SECTORS
 
 
-def _half_apertures(sectors: np.ndarray) -> np.ndarray:
-    """``[1 + 8, 8]`` weights turning sums over sectors into means: all views, then the halves."""
+def _parts(sectors: np.ndarray, aperture: Aperture) -> np.ndarray:
+    """``[1 + 8, 8]`` weights turning sums over sectors into means: all views, then each part."""
+    reach = 2 if aperture == "half" else 1
     turn = (np.arange(SECTORS)[:, None] - np.arange(SECTORS)[None, :]) % SECTORS
     distance = np.minimum(turn, SECTORS - turn)
-    halves = np.where(distance < 2, 1.0, np.where(distance == 2, 0.5, 0.0))
-    apertures = np.concatenate([np.ones((1, SECTORS)), halves])
-    views = apertures @ np.bincount(sectors, minlength=SECTORS)
-    seen = views > 0  # a half of a grid of two rows may be empty
-    return apertures[seen] / views[seen, None]
+    parts = np.where(distance < reach, 1.0, np.where(distance == reach, 0.5, 0.0))
+    parts = np.concatenate([np.ones((1, SECTORS)), parts])
+    views = parts @ np.bincount(sectors, minlength=SECTORS)
+    seen = views > 0  # a quarter of a grid of one row may be empty
+    return parts[seen] / views[seen, None]
+
+
+def _along_rows(
+    costs: Array,
+    guide: Array,
+    small: Array,
+    large: Array,
+    guide_scale: float,
+    slope: int,
+    reverse: bool,
+) -> Array:
+    """Path costs ``[y, d, x]`` of paths that move one row, and ``slope`` columns, at each step."""
+    beyond = jnp.full((1, costs.shape[2]), jnp.inf, costs.dtype)
+
+    def step(before, here):
+        path, guide_before = before
+        cost, guide_here = here
+        if slope:
+            # A path that enters through the image's side starts there, with nothing accumulated.
+            entry = 0 if slope > 0 else -1
+            path = jnp.roll(path, slope, axis=1).at[:, entry].set(0.0)
+            guide_before = jnp.roll(guide_before, slope)
+        jump = jnp.maximum(
+            small, large * jnp.exp(-jnp.abs(guide_here - guide_before) / guide_scale)
+        )
+        cheapest = path.min(0, keepdims=True)
+        neighbour = jnp.minimum(
+            jnp.concatenate([path[1:], beyond]), jnp.concatenate([beyond, path[:-1]])
+        )
+        arrival = jnp.minimum(jnp.minimum(path, neighbour + small), cheapest + jump[None])
+        path = cost + arrival - cheapest
+        return (path, guide_here), path
+
+    start = (jnp.zeros_like(costs[0]), guide[-1] if reverse else guide[0])
+    return jax.lax.scan(step, start, (costs, guide), reverse=reverse)[1]

@@ -6,17 +6,19 @@ import jax.test_util
 import numpy as np
 import pytest
 
-from occjax.ops.filtering import box_filter, guided_filter, semi_global
+from occjax.ops import filtering
 from tests.reference import filtering as reference
 
-PENALTIES = {"small_penalty": 0.2, "large_penalty": 0.5, "guide_scale": 0.1}
+box_filter = jax.jit(filtering.box_filter, static_argnames="radius")
+guided_filter = jax.jit(filtering.guided_filter, static_argnames=("radius", "epsilon"))
+fit_planes = jax.jit(filtering.fit_planes, static_argnames=("radius", "ridge", "passes"))
 
 
 def _random(*shape, seed=0):
     return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
 
 
-@pytest.mark.parametrize("radius", [0, 1, 3, 12])
+@pytest.mark.parametrize("radius", [0, 1, 12])
 def test_box_filter_is_the_mean_of_each_window(radius, tolerance):
     image = _random(7, 10)
     expected = reference.box_filter(np.asarray(image), radius)
@@ -54,60 +56,56 @@ def test_guided_filter_removes_noise_and_keeps_the_edge_of_the_guide():
     assert jnp.abs(error[:, 15:17].mean(0)).max() < 0.03  # a box filter would err by 0.43
 
 
-@pytest.mark.parametrize("shape", [(4, 5, 6), (3, 1, 5), (1, 4, 3)])
-def test_semi_global_follows_the_recursion_along_eight_paths(shape, tolerance):
-    costs, guide = _random(*shape), _random(*shape[1:], seed=1)
-    expected = reference.semi_global(np.asarray(costs), np.asarray(guide), **PENALTIES)
-    np.testing.assert_allclose(
-        semi_global(costs, guide, **PENALTIES), expected, **tolerance("float32")
-    )
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("passes", [1, 2])
+def test_fit_planes_solves_the_weighted_least_squares_of_each_neighbourhood(passes):
+    values, weights = _random(5, 6), 0.1 + _random(5, 6, seed=1)
+    guides = _random(2, 5, 6, seed=2)
+    arguments = [array.astype(jnp.float64) for array in (values, weights, guides)]
+    fitted = fit_planes(*arguments, radius=3.0, ridge=1e-4, passes=passes)
+    expected = reference.fit_planes(*map(np.asarray, arguments), 3.0, 1e-4, passes)
+    np.testing.assert_allclose(fitted, expected, atol=1e-9)
 
 
-def test_semi_global_mirrors_with_its_input(tolerance):
-    costs, guide = _random(4, 5, 6), _random(5, 6, seed=1)
-    aggregated = semi_global(costs, guide, **PENALTIES)
-    for flip in (np.s_[:, ::-1, :], np.s_[:, :, ::-1]):
-        mirrored = semi_global(costs[flip], guide[flip[1:]], **PENALTIES)
-        np.testing.assert_allclose(mirrored[flip], aggregated, **tolerance("float32"))
+def test_fit_planes_keeps_a_plane_whose_weights_lie_unevenly():
+    y, x = np.mgrid[:20, :24]
+    plane = jnp.asarray(2.0 + 0.05 * x - 0.03 * y, jnp.float32)
+    weights = jnp.asarray(np.where((x + 3 * y) % 11 == 0, 1.0, 1e-3), jnp.float32)
+    fitted = fit_planes(plane, weights, jnp.zeros((1, 20, 24)), radius=8.0, ridge=1e-6)
+    np.testing.assert_allclose(fitted, plane, atol=2e-3)
 
 
-def test_semi_global_carries_disparity_into_a_flat_region_up_to_the_edge_of_the_guide():
-    costs = jnp.full((3, 4, 12), 0.5)
-    costs = costs.at[0, :, 0].set(0.0).at[2, :, -1].set(0.0)  # all else is unknown
-    guide = jnp.repeat(jnp.array([0.0, 1.0]), np.array([4, 8]))[None].repeat(4, 0)
-    winner = semi_global(costs, guide, **PENALTIES).argmin(0)
-    np.testing.assert_array_equal(winner, np.repeat([0, 2], [4, 8])[None].repeat(4, 0))
+def test_fit_planes_does_not_reach_across_an_edge_of_the_guide():
+    step = jnp.repeat(jnp.array([0.0, 1.0]), 12)[None].repeat(20, 0)
+    fitted = fit_planes(step, jnp.ones_like(step), 20.0 * step[None], radius=8.0)
+    np.testing.assert_allclose(fitted, step, atol=1e-4)
 
 
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize(
-    "function",
-    [
-        lambda x, g: guided_filter(x, g, radius=1, epsilon=0.1),
-        lambda x, g: semi_global(x[None] * jnp.arange(1.0, 4.0)[:, None, None], g, **PENALTIES),
-    ],
-    ids=["guided_filter", "semi_global"],
-)
-def test_derivatives_agree_with_finite_differences(function):
+def test_derivatives_agree_with_finite_differences():
     rng = np.random.default_rng(0)
-    image, guide = jnp.asarray(rng.random((4, 5))), jnp.asarray(rng.random((4, 5)))
+    arrays = rng.random((4, 5)), rng.random((4, 5))
+
+    @jax.jit
+    def smooth(image, guide):
+        image, guide = jnp.asarray(image), jnp.asarray(guide)
+        local = guided_filter(image, guide, radius=1, epsilon=0.1)
+        return fit_planes(local, 1.0 + image, guide[None], radius=3.0)
+
     jax.test_util.check_grads(
-        lambda *arrays: function(*map(jnp.asarray, arrays)),
-        (image, guide),
-        order=1,
-        atol=1e-5,
-        rtol=1e-5,
-        eps=1e-6,
+        smooth, arrays, order=1, modes=("rev",), atol=1e-5, rtol=1e-5, eps=1e-6
     )
 
 
 def test_vmap_agrees_with_a_loop(tolerance):
-    costs, guides = _random(2, 3, 4, 5), _random(2, 4, 5, seed=1)
+    images, guides = _random(2, 4, 5), _random(2, 4, 5, seed=1)
 
-    def aggregate(cost, guide):
-        return semi_global(guided_filter(cost, guide, radius=1, epsilon=0.1), guide, **PENALTIES)
+    @jax.jit
+    def smooth(image, guide):
+        local = guided_filter(image, guide, radius=1, epsilon=0.1)
+        return fit_planes(local, 1.0 + image, guide[None], radius=3.0)
 
-    looped = [aggregate(cost, guide) for cost, guide in zip(costs, guides, strict=True)]
+    looped = [smooth(image, guide) for image, guide in zip(images, guides, strict=True)]
     np.testing.assert_allclose(
-        jax.vmap(aggregate)(costs, guides), np.stack(looped), **tolerance("float32")
+        jax.vmap(smooth)(images, guides), np.stack(looped), **tolerance("float32")
     )

@@ -1,5 +1,7 @@
 """NumPy loops for the edge-aware filters: one pixel at a time, straight from the papers."""
 
+import itertools
+
 import numpy as np
 
 
@@ -25,23 +27,40 @@ def guided_filter(image, guide, radius, epsilon):
     return box_filter(slope, radius) * guide + box_filter(intercept, radius)
 
 
-def semi_global(costs, guide, small_penalty, large_penalty, guide_scale):
-    candidates, height, width = costs.shape
-    total = np.zeros_like(costs)
-    for dy, dx in [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)]:
-        path = np.zeros_like(costs)
-        for y in range(height)[:: dy or 1]:
-            for x in range(width)[:: dx or 1]:
-                path[:, y, x] = costs[:, y, x]
-                if not (0 <= y - dy < height and 0 <= x - dx < width):
+def fit_planes(values, weights, guides, radius, ridge, passes):
+    """Weighted least squares at each pixel, its neighbourhood as a dense matrix."""
+    height, width = values.shape
+    pixels = [(y, x) for y in range(height) for x in range(width)]
+
+    def distance(p, q):
+        return 1 / radius + np.abs(guides[(slice(None), *p)] - guides[(slice(None), *q)]).sum()
+
+    def kernel(axis, sharpness):
+        matrix = np.zeros((len(pixels), len(pixels)))
+        for i, p in enumerate(pixels):
+            for j, q in enumerate(pixels):
+                if p[1 - axis] != q[1 - axis]:
                     continue
-                before = path[:, y - dy, x - dx]
-                edge = abs(guide[y, x] - guide[y - dy, x - dx])
-                jump = max(small_penalty, large_penalty * np.exp(-edge / guide_scale))
-                for k in range(candidates):
-                    arrivals = [before[k], before.min() + jump]
-                    arrivals += [before[k - 1] + small_penalty] if k > 0 else []
-                    arrivals += [before[k + 1] + small_penalty] if k + 1 < candidates else []
-                    path[k, y, x] += min(arrivals) - before.min()
-        total += path
-    return total / 8
+                low, high = sorted([p, q])
+                path = [
+                    tuple(low[a] + (k if a == axis else 0) for a in range(2))
+                    for k in range(high[axis] - low[axis] + 1)
+                ]
+                length = sum(distance(*ends) for ends in itertools.pairwise(path))
+                matrix[i, j] = np.exp(-np.sqrt(2) * sharpness * length)
+        return matrix
+
+    neighbourhood = np.eye(len(pixels))
+    for k in range(passes):
+        neighbourhood = kernel(1, 2**k) @ kernel(0, 2**k) @ neighbourhood
+    result = np.empty(len(pixels))
+    for i, (y, x) in enumerate(pixels):
+        weight = neighbourhood[i] * weights.ravel()
+        weight = weight / weight.sum()
+        position = np.array(pixels)[:, ::-1] / 64.0
+        centred = position - weight @ position
+        mean = weight @ values.ravel()
+        moments = centred.T @ (weight[:, None] * centred) + ridge * np.eye(2)
+        slope = np.linalg.solve(moments, centred.T @ (weight * (values.ravel() - mean)))
+        result[i] = mean + slope @ (np.array([x, y]) / 64.0 - weight @ position)
+    return result.reshape(height, width)

@@ -1,0 +1,99 @@
+"""Matching costs and semi-global aggregation against NumPy loops, and what they promise."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import jax.test_util
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.ops import matching
+from occjax.ops.matching import semi_global
+from tests.reference import matching as reference
+
+PENALTIES = {"small_penalty": 0.2, "large_penalty": 0.5, "guide_scale": 0.1}
+aperture_costs = jax.jit(matching.aperture_costs, static_argnames=("aperture", "radius"))
+aggregate = jax.jit(partial(semi_global, **PENALTIES))
+CANDIDATES = jnp.array([-1.3, 0.0, 0.4])
+TRUNCATION = jnp.array([0.3, 0.6])
+
+
+def _random(*shape, seed=0):
+    return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
+
+
+@pytest.mark.parametrize(("aperture", "reach"), [("half", 2), ("quarter", 1)])
+@pytest.mark.parametrize("grid", [(3, 3), (1, 4)])
+def test_aperture_costs_are_the_least_mean_over_the_parts(grid, aperture, reach, tolerance):
+    features = _random(*grid, 5, 8, 2)
+    costs = aperture_costs(features, CANDIDATES, truncation=TRUNCATION, aperture=aperture, radius=0)
+    expected = reference.aperture_costs(*map(np.asarray, (features, CANDIDATES, TRUNCATION)), reach)
+    np.testing.assert_allclose(costs, expected, **tolerance("float32"))
+
+
+def test_a_point_hidden_from_the_views_of_one_side_still_costs_nothing():
+    views = np.zeros((3, 3, 6, 6, 1), np.float32)
+    views[:, 2:] = 1.0  # seen by the centre view and those left of it
+    costs = aperture_costs(jnp.asarray(views), jnp.zeros(1), truncation=jnp.ones(1))
+    assert float(costs.max()) < 1e-6
+
+
+def test_averaging_over_windows_comes_before_the_choice_of_the_part():
+    noise = _random(3, 3, 6, 6, 1)
+    truncation = jnp.ones(1)
+    rough = aperture_costs(noise, jnp.zeros(1), truncation=truncation, radius=0)
+    even = aperture_costs(noise, jnp.zeros(1), truncation=truncation, radius=2)
+    assert float(even.mean()) > float(rough.mean())  # noise no longer finds its best part
+
+
+def test_one_view_alone_is_an_input_error():
+    with pytest.raises(InputError, match="at least 1x2"):
+        aperture_costs(jnp.zeros((1, 1, 4, 4, 1)), jnp.zeros(3), truncation=jnp.ones(1))
+
+
+@pytest.mark.parametrize("shape", [(4, 5, 6), (3, 1, 5)])
+def test_semi_global_follows_the_recursion_along_eight_paths(shape, tolerance):
+    costs, guide = _random(*shape), _random(*shape[1:], seed=1)
+    expected = reference.semi_global(np.asarray(costs), np.asarray(guide), **PENALTIES)
+    np.testing.assert_allclose(aggregate(costs, guide), expected, **tolerance("float32"))
+
+
+def test_semi_global_mirrors_with_its_input(tolerance):
+    costs, guide = _random(4, 5, 6), _random(5, 6, seed=1)
+    aggregated = aggregate(costs, guide)
+    for flip in (np.s_[:, ::-1, :], np.s_[:, :, ::-1]):
+        mirrored = aggregate(costs[flip], guide[flip[1:]])
+        np.testing.assert_allclose(mirrored[flip], aggregated, **tolerance("float32"))
+
+
+def test_semi_global_carries_disparity_into_a_flat_region_up_to_the_edge_of_the_guide():
+    costs = jnp.full((3, 4, 12), 0.5)
+    costs = costs.at[0, :, 0].set(0.0).at[2, :, -1].set(0.0)  # all else is unknown
+    guide = jnp.repeat(jnp.array([0.0, 1.0]), np.array([4, 8]))[None].repeat(4, 0)
+    winner = aggregate(costs, guide).argmin(0)
+    np.testing.assert_array_equal(winner, np.repeat([0, 2], [4, 8])[None].repeat(4, 0))
+
+
+@pytest.mark.usefixtures("x64")
+def test_derivatives_of_the_aggregated_costs_agree_with_finite_differences():
+    features = np.random.default_rng(0).random((1, 3, 4, 5, 1))
+    candidates = np.array([-0.6, 0.1, 0.7])
+
+    @jax.jit
+    def aggregated(features, candidates):
+        costs = aperture_costs(features, candidates, truncation=jnp.full(1, 2.0))
+        return semi_global(costs, features[0, 1, ..., 0], **PENALTIES)
+
+    jax.test_util.check_grads(
+        aggregated, (features, candidates), order=1, modes=("rev",), atol=1e-5, rtol=1e-5, eps=1e-7
+    )
+
+
+def test_vmap_agrees_with_a_loop(tolerance):
+    costs, guides = _random(2, 4, 5, 6), _random(2, 5, 6, seed=1)
+    looped = [aggregate(cost, guide) for cost, guide in zip(costs, guides, strict=True)]
+    np.testing.assert_allclose(
+        jax.vmap(aggregate)(costs, guides), np.stack(looped), **tolerance("float32")
+    )
