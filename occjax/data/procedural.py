@@ -11,8 +11,8 @@ grid of pinhole cameras. The ray of pixel ``(y, x)`` of the view at offset ``(t,
 is the set of points with ``Y = y + d t``, ``X = x + d s``, a straight line of the scene: every ray
 of every view is intersected in closed form, and the nearest surface wins.
 
-Light depends only on where a point is, never on the view that looks at it (highlights are those of
-the centre view), so that all views agree on the colour of what they see.
+Light (:mod:`occjax.data.lighting`) does not depend on the view, so that all views agree on the
+colour of what they see.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from occjax.data.surfaces import Hits, Surfaces, first_hits, normals, own_points
-from occjax.data.textures import albedo, srgb_from_linear, take
+from occjax.data.lighting import Lighting, Seen, light_from, sampling_patterns
+from occjax.data.surfaces import Hits, Surfaces, first_hits
+from occjax.data.textures import srgb_from_linear
 from occjax.ops.geometry import view_offsets
 
 VISIBLE_WITHIN = 5e-3
@@ -44,26 +44,6 @@ class Camera(NamedTuple):
 
     relief: Float[Array, ""]
     perspective: Float[Array, ""]
-
-
-class Lighting(NamedTuple):
-    """A round lamp far away, light from all around, and light reflected from below.
-
-    Attributes:
-        direction: ``[3]`` unit vector towards the lamp, in scene coordinates.
-        softness: Radius of the lamp as seen from the scene, in radians.
-        lamp: ``[3]`` linear RGB of the lamp.
-        sky: ``[3]`` linear RGB from above.
-        bounce: ``[3]`` linear RGB from below.
-        reach: Distance within which surfaces darken each other's corners, in pixels.
-    """
-
-    direction: Float[Array, "3"]
-    softness: Float[Array, ""]
-    lamp: Float[Array, "3"]
-    sky: Float[Array, "3"]
-    bounce: Float[Array, "3"]
-    reach: Float[Array, ""]
 
 
 class Scene(NamedTuple):
@@ -150,9 +130,9 @@ def render_rows(
     Returns:
         ``[rows, W, 3]`` sRGB in [0, 1].
     """
-    within = (jnp.arange(samples, dtype=jnp.float32) + 0.5) / samples - 0.5
+    within = _tent_quantiles(samples)
     sub_y, sub_x = (part.ravel() for part in jnp.meshgrid(within, within, indexing="ij"))
-    lamp_points, sky_points = _sampling_patterns(samples**2)
+    lamp_points, sky_points = sampling_patterns(samples**2)
     columns = jnp.arange(image_size[1], dtype=jnp.float32)
 
     def one_row(row):
@@ -249,78 +229,33 @@ def view_rays(
 
 def _radiance(scene, y, x, offset, image_size, lamp_points, sky_points) -> Float[Array, "r 3"]:
     """Linear RGB that each ray of a view brings back."""
-    surfaces, camera, lighting = scene
+    camera = scene.camera
     origins, directions = view_rays(camera, y, x, offset, image_size)
     hits, _ = trace(scene, y, x, offset, image_size)
     hit = jnp.isfinite(hits.distance)
     points = origins + jnp.where(hit, hits.distance, 0.0)[:, None] * directions
-    own = own_points(surfaces, hits.surface, points)
-    materials = take(surfaces.materials, hits.surface)
-    colour = albedo(materials, own)
-
-    normal = normals(surfaces, hits.surface, own)
-    facing = jnp.sum(normal * directions, axis=-1, keepdims=True) < 0.0
-    normal = jnp.where(facing, normal, -normal)
-    lifted = points + 0.02 * normal  # a shadow ray must not meet the surface that it leaves
-
-    lamp_direction = _towards(lighting.direction[None], lighting.softness * lamp_points)
-    cosine = jnp.maximum(jnp.sum(normal * lamp_direction, axis=-1), 0.0)
-    shadowed = jnp.isfinite(first_hits(surfaces, lifted, lamp_direction, 0.0).distance)
-    lamp = jnp.where(shadowed[:, None], 0.0, lighting.lamp[None])
-
-    # Points of a disc raised onto the hemisphere above it are distributed as its cosine.
-    sky_direction = _hemisphere(normal, sky_points)
-    blocked = first_hits(surfaces, lifted, sky_direction, 0.0).distance
-    openness = jnp.clip(blocked / lighting.reach, 0.0, 1.0)
-    upward = 0.5 - 0.5 * normal[:, 1:2]
-    ambient = lighting.bounce[None] + (lighting.sky - lighting.bounce)[None] * upward
-
-    # The highlight is the centre view's in every view.
     focal = camera.relief / jnp.maximum(camera.perspective, 1e-3)
-    to_camera = jnp.array([[0.0, 0.0, 1.0]]) * focal - points
-    to_camera = to_camera / jnp.linalg.norm(to_camera, axis=-1, keepdims=True)
-    half = lighting.direction[None] + to_camera
-    half = half / jnp.linalg.norm(half, axis=-1, keepdims=True)
-    alignment = jnp.maximum(jnp.sum(normal * half, axis=-1), 0.0)
-    highlight = materials.gloss * (alignment**60.0 + 0.15 * alignment**8.0)
-
-    diffuse = colour * (cosine[:, None] * lamp + openness[:, None] * ambient)
-    light = diffuse + highlight[:, None] * lamp
-    return jnp.where(hit[:, None], jnp.clip(light, 0.0, 1.0), lighting.sky[None])
-
-
-def _towards(axis: Float[Array, "#r 3"], disc: Float[Array, "r 2"]) -> Float[Array, "r 3"]:
-    """Unit vectors around an axis, displaced from it by points of a disc."""
-    first, second = _tangents(axis)
-    vector = axis + disc[:, :1] * first + disc[:, 1:] * second
-    return vector / jnp.linalg.norm(vector, axis=-1, keepdims=True)
-
-
-def _hemisphere(normal: Float[Array, "r 3"], disc: Float[Array, "r 2"]) -> Float[Array, "r 3"]:
-    """Unit vectors above a surface, whose projections onto it are the points of the unit disc."""
-    first, second = _tangents(normal)
-    height = jnp.sqrt(jnp.maximum(1.0 - jnp.sum(disc**2, axis=-1, keepdims=True), 1e-6))
-    return disc[:, :1] * first + disc[:, 1:] * second + height * normal
-
-
-def _tangents(normal: Float[Array, "r 3"]) -> tuple[Float[Array, "r 3"], Float[Array, "r 3"]]:
-    """Two unit vectors at right angles to each normal and to each other."""
-    helper = jnp.where(
-        jnp.abs(normal[:, 1:2]) > 0.9, jnp.array([[1.0, 0.0, 0.0]]), jnp.array([[0.0, 1.0, 0.0]])
+    eye = jnp.array([0.0, 0.0, 1.0]) * focal  # of the centre view, whichever view is rendered
+    light = light_from(
+        scene.surfaces,
+        scene.lighting,
+        Seen(hits.surface, points, directions),
+        eye,
+        lamp_points,
+        sky_points,
     )
-    first = jnp.cross(helper, normal)
-    first = first / jnp.linalg.norm(first, axis=-1, keepdims=True)
-    return first, jnp.cross(normal, first)
+    return jnp.where(hit[:, None], light, scene.lighting.sky[None])
 
 
-def _sampling_patterns(count: int) -> tuple[Float[Array, "k 2"], Float[Array, "k 2"]]:
-    """Evenly spread points of the unit disc for the lamp and for the sky, in unrelated orders."""
-    index = np.arange(count)
-    radius, angle = np.sqrt((index + 0.5) / count), index * np.pi * (3.0 - np.sqrt(5.0))
-    spiral = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-    order = np.random.default_rng(0)
-    lamp, sky = spiral[order.permutation(count)], spiral[order.permutation(count)]
-    return jnp.asarray(lamp, jnp.float32), jnp.asarray(sky, jnp.float32)
+def _tent_quantiles(count: int) -> Float[Array, " k"]:
+    """Positions in (-1, 1) whose density is a tent, the weight of bilinear interpolation.
+
+    A pixel that averages only its own square still shows finer detail than pixels can carry, and
+    shows it differently in each view; a tent two pixels wide hardly does.
+    """
+    uniform = (jnp.arange(count, dtype=jnp.float32) + 0.5) / count
+    rising = jnp.sqrt(2.0 * jnp.minimum(uniform, 1.0 - uniform))
+    return jnp.where(uniform < 0.5, rising - 1.0, 1.0 - rising)
 
 
 def _pixel_grid(image_size: tuple[int, int]) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:

@@ -12,21 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from occjax.data.procedural import Camera, Lighting, Scene
-from occjax.data.surfaces import (
-    Surfaces,
-    bowl,
-    box,
-    compose,
-    disc,
-    ellipsoid,
-    join,
-    leaf,
-    plane,
-    rotation,
-    translation,
-    tube,
-)
+from occjax.data.lighting import Lighting
+from occjax.data.poses import compose, rotation, translation
+from occjax.data.procedural import Camera, Scene
+from occjax.data.surfaces import Surfaces, bowl, box, disc, ellipsoid, join, leaf, plane, tube
 from occjax.data.textures import Materials, material
 
 Point = tuple[float, float, float]
@@ -240,8 +229,8 @@ def _books() -> Surfaces:
         gloss=0.5,
         around=True,
     )
-    turn = compose(rotation("y", 24.0), rotation("x", -18.0))
-    parts.append(ellipsoid(_at(66.0, 44.0, up + 16.0, turn), ball, (16.0, 16.0, 16.0)))
+    tilted = compose(rotation("y", 24.0), rotation("x", -18.0))
+    parts.append(ellipsoid(_at(66.0, 44.0, up + 16.0, tilted), ball, (16.0, 16.0, 16.0)))
     return join(*parts)
 
 

@@ -11,14 +11,14 @@ once, and the nearest surface along a ray is found exactly.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from occjax.data.textures import Materials
+from occjax.data.poses import compose, translation
+from occjax.data.textures import Materials, Scalar, Triple
 
 
 class Surfaces(NamedTuple):
@@ -52,12 +52,12 @@ def quadric(
     pose: Float[Array, "3 4"],
     materials: Materials,
     *,
-    curvature: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    slope: float = 0.0,
-    constant: float = 0.0,
-    lower: tuple[float, float, float] = (-FAR, -FAR, -FAR),
-    upper: tuple[float, float, float] = (FAR, FAR, FAR),
-    outline: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    curvature: Triple = (0.0, 0.0, 0.0),
+    slope: Scalar = 0.0,
+    constant: Scalar = 0.0,
+    lower: Triple = (-FAR, -FAR, -FAR),
+    upper: Triple = (FAR, FAR, FAR),
+    outline: tuple[Scalar, Scalar, Scalar, Scalar] = (0.0, 0.0, 0.0, 0.0),
 ) -> Surfaces:
     """One quadric patch; the other constructors are special cases.
 
@@ -89,14 +89,12 @@ def plane(pose: Float[Array, "3 4"], materials: Materials) -> Surfaces:
     return quadric(pose, materials, slope=1.0)
 
 
-def disc(pose: Float[Array, "3 4"], materials: Materials, radius: float) -> Surfaces:
+def disc(pose: Float[Array, "3 4"], materials: Materials, radius: Scalar) -> Surfaces:
     """A flat disc around the z axis."""
     return quadric(pose, materials, slope=1.0, outline=(1.0, 1.0, 0.0, -(radius**2)))
 
 
-def ellipsoid(
-    pose: Float[Array, "3 4"], materials: Materials, radii: tuple[float, float, float]
-) -> Surfaces:
+def ellipsoid(pose: Float[Array, "3 4"], materials: Materials, radii: Triple) -> Surfaces:
     """An ellipsoid around the origin."""
     curvature = tuple(radius**-2.0 for radius in radii)
     return quadric(pose, materials, curvature=curvature, constant=-1.0)
@@ -105,12 +103,12 @@ def ellipsoid(
 def box(
     pose: Float[Array, "3 4"],
     materials: tuple[Materials, Materials, Materials],
-    half: tuple[float, float, float],
+    half: Triple,
 ) -> Surfaces:
     """A box around the origin: three pairs of parallel faces (across x, y and z)."""
     pairs = []
     for axis in range(3):
-        curvature = [0.0, 0.0, 0.0]
+        curvature: list[Scalar] = [0.0, 0.0, 0.0]
         curvature[axis] = half[axis] ** -2.0
         # The pair's own faces lie a little inside the cut, where rounding cannot lose them.
         margin = [size * (1.001 if other == axis else 1.0) for other, size in enumerate(half)]
@@ -131,10 +129,10 @@ def tube(
     pose: Float[Array, "3 4"],
     materials: Materials,
     *,
-    bottom: float,
-    top: float,
-    radius: float,
-    flare: float = 0.0,
+    bottom: Scalar,
+    top: Scalar,
+    radius: Scalar,
+    flare: Scalar = 0.0,
 ) -> Surfaces:
     """A wall of revolution around z: ``x^2 + y^2 = radius^2 + flare * z^2``, cut at both ends.
 
@@ -154,10 +152,10 @@ def tube(
 def bowl(
     pose: Float[Array, "3 4"],
     materials: Materials,
-    radii: tuple[float, float, float],
+    radii: Triple,
     *,
-    bottom: float,
-    top: float,
+    bottom: Scalar,
+    top: Scalar,
 ) -> Surfaces:
     """An ellipsoid around the origin, open where it is cut at two heights z."""
     return quadric(
@@ -171,7 +169,11 @@ def bowl(
 
 
 def leaf(
-    pose: Float[Array, "3 4"], materials: Materials, length: float, width: float, bend: float = 0.0
+    pose: Float[Array, "3 4"],
+    materials: Materials,
+    length: Scalar,
+    width: Scalar,
+    bend: Scalar = 0.0,
 ) -> Surfaces:
     """A leaf along x from 0 to ``length``: pointed at both ends, arched to the height ``bend``.
 
@@ -194,31 +196,6 @@ def leaf(
 def join(*parts: Surfaces) -> Surfaces:
     """All surfaces of the parts in one set of arrays."""
     return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *parts)
-
-
-def translation(x: float, y: float, z: float) -> Float[Array, "3 4"]:
-    """Affine map that moves by (x, y, z)."""
-    return jnp.concatenate([jnp.eye(3), jnp.array([[x], [y], [z]], jnp.float32)], axis=1)
-
-
-def rotation(axis: str, degrees: float) -> Float[Array, "3 4"]:
-    """Affine map that turns about the x, y or z axis."""
-    angle = math.radians(degrees)
-    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix = jnp.eye(3)
-    matrix = matrix.at[first, first].set(math.cos(angle)).at[second, second].set(math.cos(angle))
-    matrix = matrix.at[first, second].set(-math.sin(angle)).at[second, first].set(math.sin(angle))
-    return jnp.concatenate([matrix, jnp.zeros((3, 1))], axis=1)
-
-
-def compose(*maps: Float[Array, "3 4"]) -> Float[Array, "3 4"]:
-    """The affine map that applies the last of ``maps`` first."""
-    result = maps[0]
-    for inner in maps[1:]:
-        linear = result[:, :3] @ inner[:, :3]
-        offset = result[:, :3] @ inner[:, 3:] + result[:, 3:]
-        result = jnp.concatenate([linear, offset], axis=1)
-    return result
 
 
 class Hits(NamedTuple):

@@ -14,6 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+Scalar = float | int | Float[Array, ""]
+"""A number, or a traced one in a scene that is drawn at random."""
+
+Triple = tuple[Scalar, ...]
+"""A colour, or one number for each axis."""
+
 PATTERNS = ("plain", "checks", "stripes", "bricks", "wood", "marble", "planks", "spots", "weave")
 """Names of the patterns; a material's ``pattern`` is an index into this tuple."""
 
@@ -42,21 +48,21 @@ class Materials(NamedTuple):
 
 
 def material(
-    pattern: str = "plain",
+    pattern: str | Int[Array, ""] = "plain",
     *,
-    ground: tuple[float, float, float] = (0.6, 0.6, 0.6),
-    figure: tuple[float, float, float] | None = None,
-    accent: tuple[float, float, float] | None = None,
-    frequency: tuple[float, float, float] | float = 0.1,
-    grain: float = 0.25,
-    gloss: float = 0.0,
-    seed: float = 0.0,
+    ground: Triple = (0.6, 0.6, 0.6),
+    figure: Triple | None = None,
+    accent: Triple | None = None,
+    frequency: Triple | Scalar = 0.1,
+    grain: Scalar = 0.25,
+    gloss: Scalar = 0.0,
+    seed: Scalar = 0.0,
     around: bool = False,
 ) -> Materials:
     """One material, as arrays of length one.
 
     Args:
-        pattern: One of :data:`PATTERNS`.
+        pattern: One of :data:`PATTERNS`, or its index.
         ground: sRGB colour of the ground, each channel in [0, 1].
         figure: sRGB colour of the pattern; a darker ground if not given.
         accent: sRGB colour of joints, veins and accents; the figure's colour if not given.
@@ -69,10 +75,11 @@ def material(
     Returns:
         Arrays with a leading axis of length 1; see :func:`occjax.data.surfaces.join`.
     """
+    number = PATTERNS.index(pattern) if isinstance(pattern, str) else pattern
     figure = tuple(0.6 * channel for channel in ground) if figure is None else figure
     accent = figure if accent is None else accent
     return Materials(
-        pattern=jnp.array([PATTERNS.index(pattern)], jnp.int32),
+        pattern=jnp.array([number], jnp.int32),
         colours=linear_from_srgb(jnp.array([[ground, figure, accent]], jnp.float32)),
         frequency=jnp.broadcast_to(jnp.asarray(frequency, jnp.float32), (1, 3)),
         grain=jnp.array([grain], jnp.float32),
@@ -244,8 +251,8 @@ def linear_from_srgb(colour: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
     """Decode the sRGB transfer function: display values in [0, 1] to linear light.
 
     Example:
-        >>> linear_from_srgb(jnp.array([0.0, 0.5, 1.0])).round(3).tolist()
-        [0.0, 0.21400000154972076, 1.0]
+        >>> [round(float(light), 3) for light in linear_from_srgb(jnp.array([0.0, 0.5, 1.0]))]
+        [0.0, 0.214, 1.0]
     """
     toe = colour / 12.92
     return jnp.where(colour <= 0.04045, toe, ((jnp.maximum(colour, 0.0) + 0.055) / 1.055) ** 2.4)
@@ -255,7 +262,7 @@ def srgb_from_linear(light: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
     """Encode linear light in [0, 1] with the sRGB transfer function.
 
     Example:
-        >>> srgb_from_linear(jnp.array([0.0, 0.214041, 1.0])).round(3).tolist()
+        >>> [round(float(value), 3) for value in srgb_from_linear(jnp.array([0.0, 0.2140, 1.0]))]
         [0.0, 0.5, 1.0]
     """
     curve = 1.055 * jnp.maximum(light, 0.0031308) ** (1.0 / 2.4) - 0.055

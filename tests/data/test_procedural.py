@@ -1,15 +1,17 @@
 """Rendered light fields against closed forms and against independent NumPy geometry."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter
 
-from occjax.data import surfaces
+from occjax.data import poses, surfaces
+from occjax.data.lighting import Lighting
 from occjax.data.procedural import (
     Camera,
-    Lighting,
     Scene,
     centre_disparity,
     render,
@@ -19,6 +21,7 @@ from occjax.data.procedural import (
 from occjax.data.textures import material
 
 SIZE = (40, 56)
+COMPILED_ONCE = {"grid": (3, 3), "image_size": SIZE, "samples": 3}
 RELIEF = 30.0
 LIGHTING = Lighting(
     direction=jnp.array([0.0, -0.6, 0.8]),
@@ -42,9 +45,9 @@ def tilted_plane(pose):
 
 def ball_before_a_wall(perspective):
     wall = tilted_plane(
-        surfaces.compose(surfaces.translation(0.0, 0.0, -20.0), surfaces.rotation("y", 15.0))
+        poses.compose(poses.translation(0.0, 0.0, -20.0), poses.rotation("y", 15.0))
     )
-    ball = surfaces.ellipsoid(surfaces.translation(*BALL["centre"]), SMOOTH, (BALL["radius"],) * 3)
+    ball = surfaces.ellipsoid(poses.translation(*BALL["centre"]), SMOOTH, (BALL["radius"],) * 3)
     return scene_of(surfaces.join(wall, ball), perspective)
 
 
@@ -65,10 +68,10 @@ def plane_in_disparity(normal, distance, perspective):
 @pytest.mark.parametrize("perspective", [0.0, 0.12])
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (3.0, -4.0), (-2.0, 1.0)])
 def test_disparity_of_a_slanted_plane_is_the_closed_form_in_every_view(perspective, offset):
-    pose = surfaces.compose(
-        surfaces.translation(0.0, 0.0, 12.0),
-        surfaces.rotation("y", 22.0),
-        surfaces.rotation("x", -31.0),
+    pose = poses.compose(
+        poses.translation(0.0, 0.0, 12.0),
+        poses.rotation("y", 22.0),
+        poses.rotation("x", -31.0),
     )
     normal = np.asarray(pose, np.float64)[:, 2]
     a, b, c = plane_in_disparity(normal, normal[2] * 12.0, perspective)
@@ -128,7 +131,7 @@ def bilinear(image, y, x):
 @pytest.mark.parametrize("perspective", [0.0, 0.1])
 def test_visible_points_have_the_colour_that_the_centre_view_sees(perspective):
     scene = ball_before_a_wall(perspective)
-    rendered = jax.tree.map(np.asarray, render(scene, grid=(3, 3), image_size=SIZE, samples=3))
+    rendered = jax.tree.map(np.asarray, render(scene, **COMPILED_ONCE))
     y, x = pixel_grid()
     centre = rendered.views[1, 1]
     for v, u in [(0, 0), (0, 2), (2, 1)]:
@@ -140,3 +143,33 @@ def test_visible_points_have_the_colour_that_the_centre_view_sees(perspective):
         near_edge = maximum_filter(jump, size=5)
         assert (~near_edge & rendered.visibility[v, u]).mean() > 0.5
         assert error[~near_edge & rendered.visibility[v, u]].max() < 0.03
+
+
+def random_scene(key):
+    """A wall and a ball of random place, size and look."""
+    place, size, tilt, colour, pattern = jax.random.split(key, 5)
+    x, y, z = jax.random.uniform(place, (3,), minval=-10.0, maxval=10.0)
+    turn = jax.random.uniform(tilt, (), minval=-20.0, maxval=20.0)
+    paint = material(
+        jax.random.randint(pattern, (), 0, 9), ground=tuple(jax.random.uniform(colour, (3,)))
+    )
+    radius = jax.random.uniform(size, (), minval=5.0, maxval=9.0)
+    wall = poses.compose(poses.translation(0.0, 0.0, -20.0), poses.rotation("y", turn))
+    return scene_of(
+        surfaces.join(
+            surfaces.plane(wall, paint),
+            surfaces.ellipsoid(poses.translation(x, y, z), paint, (radius, radius, radius)),
+        ),
+        0.1,
+    )
+
+
+def test_random_scenes_are_rendered_as_a_batch():
+    keys = jax.random.split(jax.random.key(0), 2)
+    draw = partial(render, **COMPILED_ONCE)
+    batch = jax.vmap(lambda key: draw(random_scene(key)))(keys)
+    for number, key in enumerate(keys):
+        alone = draw(jax.jit(random_scene)(key))
+        np.testing.assert_allclose(batch.disparity[number], alone.disparity, atol=1e-5)
+        np.testing.assert_allclose(batch.views[number], alone.views, atol=1e-3)
+        np.testing.assert_array_equal(batch.visibility[number], alone.visibility)

@@ -4,11 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from occjax.data import poses
 from occjax.data import surfaces as s
 from occjax.data.textures import material
 
 GREY = material()
-POSE = s.compose(s.translation(30.0, -12.0, 55.0), s.rotation("z", 25.0), s.rotation("x", 40.0))
+POSE = poses.compose(
+    poses.translation(30.0, -12.0, 55.0), poses.rotation("z", 25.0), poses.rotation("x", 40.0)
+)
 
 
 def rays(count=400, spread=60.0, seed=0):
@@ -80,7 +83,7 @@ def test_a_cylinder_is_open_at_both_ends():
 
 
 def test_a_leaf_is_pointed_at_both_ends_and_as_wide_as_asked():
-    flat = s.leaf(s.translation(0.0, 0.0, 0.0), GREY, length=20.0, width=8.0)
+    flat = s.leaf(poses.translation(0.0, 0.0, 0.0), GREY, length=20.0, width=8.0)
     x = np.array([-0.1, 0.1, 10.0, 10.0, 19.9, 20.1], np.float32)
     y = np.array([0.0, 0.0, 3.99, 4.01, 0.0, 0.0], np.float32)
     origins = np.stack([x, y, np.full_like(x, 50.0)], axis=1)
@@ -90,7 +93,7 @@ def test_a_leaf_is_pointed_at_both_ends_and_as_wide_as_asked():
 
 
 def test_a_bent_leaf_rises_in_the_middle_and_starts_at_its_stalk():
-    bent = s.leaf(s.translation(0.0, 0.0, 0.0), GREY, length=20.0, width=8.0, bend=3.0)
+    bent = s.leaf(poses.translation(0.0, 0.0, 0.0), GREY, length=20.0, width=8.0, bend=3.0)
     x = np.array([0.01, 10.0, 19.99], np.float32)
     origins = np.stack([x, 0 * x, np.full_like(x, 50.0)], axis=1)
     directions = np.tile(np.array([[0.0, 0.0, -1.0]], np.float32), (3, 1))
@@ -99,8 +102,8 @@ def test_a_bent_leaf_rises_in_the_middle_and_starts_at_its_stalk():
 
 
 def test_the_nearest_of_several_surfaces_wins():
-    behind = s.plane(s.translation(0.0, 0.0, -10.0), GREY)
-    front = s.disc(s.translation(0.0, 0.0, 5.0), GREY, radius=4.0)
+    behind = s.plane(poses.translation(0.0, 0.0, -10.0), GREY)
+    front = s.disc(poses.translation(0.0, 0.0, 5.0), GREY, radius=4.0)
     scene = s.join(behind, front)
     origins = jnp.array([[0.0, 0.0, 20.0], [9.0, 0.0, 20.0], [0.0, 0.0, -15.0]])
     directions = jnp.tile(jnp.array([[0.0, 0.0, -1.0]]), (3, 1))
@@ -111,7 +114,7 @@ def test_the_nearest_of_several_surfaces_wins():
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_rotations_turn_right_handed(axis):
-    turned = np.asarray(s.rotation(axis, 90.0))[:, :3]
+    turned = np.asarray(poses.rotation(axis, 90.0))[:, :3]
     first, second = {"x": "yz", "y": "zx", "z": "xy"}[axis]
     np.testing.assert_allclose(
         turned @ np.eye(3)["xyz".index(first)], np.eye(3)["xyz".index(second)], atol=1e-7
