@@ -214,21 +214,12 @@ def test_every_dtype_is_kept_and_matches_the_loop(dtype, tolerance):
             np.testing.assert_allclose(np.float64(actual), loop, **tolerance(dtype))
 
 
-def test_half_precision_does_not_round_the_sum_of_disparity_and_residual():
-    """255/64 + 1/128 has nine significant bits, one more than bfloat16."""
-    ramp = jnp.broadcast_to(jnp.arange(64.0)[None, None, None, :, None], (1, 9, 1, 64, 1))
-    disparity = jnp.full((1, 64), 255 / 64, jnp.bfloat16)
-    residual = jnp.full((1,), 1 / 128, jnp.bfloat16)
-    volume = refined_volume(ramp, disparity, residual)
-    leftmost = volume[0, 0, 20, 0]  # four steps to the left of the centre view
-    assert leftmost == 20 + 4 * (255 / 64 + 1 / 128)
-
-
-def test_features_in_half_precision_go_with_a_disparity_in_full(tolerance):
-    features = jnp.asarray(FEATURES, jnp.bfloat16)
-    volume = refined_volume(features, DISPARITY, CANDIDATES, weights=WEIGHTS)
-    loop_features = np.asarray(features, np.float64)
-    expected = reference.refined_volume(loop_features, DISPARITY, CANDIDATES, weights=WEIGHTS)
+def test_a_disparity_in_full_precision_goes_with_the_rest_in_half(tolerance):
+    """The candidates too: their sum with the disparity is not rounded to half precision."""
+    features, candidates = (jnp.asarray(a, jnp.bfloat16) for a in (FEATURES, CANDIDATES))
+    loops = np.asarray(features, np.float64), DISPARITY, np.asarray(candidates, np.float64)
+    volume = refined_volume(features, DISPARITY, candidates, weights=WEIGHTS)
+    expected = reference.refined_volume(*loops, weights=WEIGHTS)
     assert volume.dtype == jnp.bfloat16
     np.testing.assert_allclose(np.float64(volume), expected, **tolerance("bfloat16"))
 
