@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import jax
 import platformdirs
 from tqdm import tqdm
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 from tyro.extras import SubcommandApp
 
 import occjax
@@ -28,6 +28,7 @@ from occjax.inference.estimate import Precision
 from occjax.inference.outputs import Outputs, write_outputs
 from occjax.io import Layout, Orientation, OrientationReport, OrientationWarning, check, load
 from occjax.io.orientation import declared_orientation
+from occjax.lightfield import LightField
 from occjax.models.config import Warp
 from occjax.models.fetch import fetch_published_weights
 
@@ -35,17 +36,30 @@ app = SubcommandApp()
 weights_app = SubcommandApp()
 app.command(weights_app, name="weights", help="Weights of the networks.")
 
-Grid = Annotated[
-    tuple[int, int] | None, arg(metavar="V U", help="Rows and columns of views as stored.")
-]
-LayoutOption = Annotated[Layout | None, arg(help="How the views are stored; found out by default.")]
-Pattern = Annotated[
-    str | None, arg(help="File names of the views, with {v} and {u} or {i} in them.")
-]
-Order = Annotated[Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")]
-Flip = Annotated[
-    Literal["", "v", "u", "vu"], arg(help="Axes of the grid that run backwards in the files.")
-]
+
+@dataclasses.dataclass(frozen=True)
+class Stored:
+    """How a light field is stored, where that is not found out."""
+
+    layout: Annotated[Layout | None, arg(help="How the views are stored.")] = None
+    pattern: Annotated[
+        str | None, arg(help="File names of the views, with {v} and {u} or {i} in them.")
+    ] = None
+    grid: Annotated[
+        tuple[int, int] | None, arg(metavar="V U", help="Rows and columns of views as stored.")
+    ] = None
+    order: Annotated[
+        Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")
+    ] = "vu"
+    flip: Annotated[
+        Literal["", "v", "u", "vu"], arg(help="Axes of the grid that run backwards in the files.")
+    ] = ""
+
+    def load(self, path: Path, **options) -> LightField:
+        """Read a light field that is stored this way."""
+        return load(path, **dataclasses.asdict(self), **options)
+
+
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
 
 
@@ -68,11 +82,7 @@ def estimate_command(
         arg(metavar="MIN MAX", help="Disparities to search, in pixels per view step."),
     ] = None,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
-    layout: LayoutOption = None,
-    pattern: Pattern = None,
-    grid: Grid = None,
-    order: Order = "vu",
-    flip: Flip = "",
+    stored: OmitArgPrefixes[Stored] = Stored(),
 ) -> int:
     """Estimate disparity maps and write them, with pictures, to a folder per scene."""
     if not scenes:
@@ -86,9 +96,7 @@ def estimate_command(
         try:
             say("reading")
             begin = time.perf_counter()
-            light_field = load(
-                scene, layout=layout, pattern=pattern, grid=grid, order=order, flip=flip
-            )
+            light_field = stored.load(scene)
             seconds = {"load": time.perf_counter() - begin}
             estimate = estimator(light_field, disparity_range=disparity_range, say=say)
             estimate = dataclasses.replace(estimate, seconds=seconds | estimate.seconds)
@@ -126,26 +134,14 @@ def evaluate_command(
 @app.command(name="check")
 def check_command(
     path: Positional[Path],
-    layout: LayoutOption = None,
-    pattern: Pattern = None,
-    grid: Grid = None,
-    order: Order = "vu",
-    flip: Flip = "",
+    stored: OmitArgPrefixes[Stored] = Stored(),
 ) -> int:
     """Measure which way round the grid of views is, and the scene's disparity range."""
-    light_field = load(
-        path,
-        layout=layout,
-        pattern=pattern,
-        grid=grid,
-        order=order,
-        flip=flip,
-        check_orientation=False,
-    )
+    light_field = stored.load(path, check_orientation=False)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
-    print(_layout_report(check(light_field), declared_orientation(order, flip)))
+    print(_layout_report(check(light_field), declared_orientation(stored.order, stored.flip)))
     return 0
 
 

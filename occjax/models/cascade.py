@@ -227,7 +227,7 @@ def stage_output(
     attention: Float[Array, "v u"] | None,
     occlusion: Float[Array, "v u h w"] | None,
 ) -> StageOutput:
-    """Regression (eqs. 8 and 9).
+    """Regression (eqs. 9 and 10).
 
     The sign of the cost is learned: the published code takes softmax(C), not softmax(-C).
     """

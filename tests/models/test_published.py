@@ -14,23 +14,8 @@ from occjax.models import OccCasNet, preset
 from occjax.models.published import load_published_weights
 from occjax.models.weights import load_weights
 from occjax.ops import occlusion_weights
-from tests.reference.make_fixture import load_fixture
+from tests.reference.make_fixture import LIMITS, load_fixture
 from tests.reference.published_layout import write_published_layout
-
-# What is compared, and how closely: the refined volume is looser because a coarse disparity that
-# differs in its last bits moves the taps of features of size 10.
-TOLERANCE = {
-    "feature_center": 1e-4,
-    "attention_coarse": 1e-4,
-    "attention_refined": 1e-4,
-    "occlusion_weight": 1e-4,
-    "coarse_volume_sample": 1e-4,
-    "refined_volume_sample": 5e-3,
-    "coarse_prob": 1e-3,
-    "refined_prob": 1e-3,
-    "disparity_coarse": 1e-3,
-    "disparity_refined": 1e-3,
-}
 
 
 @functools.partial(jax.jit, static_argnames="config")
@@ -61,7 +46,7 @@ def intermediate_answers(variables, views, config):
 
 
 def assert_agree(ours, theirs):
-    for name, tolerance in TOLERANCE.items():
+    for name, tolerance in LIMITS.items():
         assert ours[name].shape == theirs[name].shape, name
         error = np.abs(np.asarray(ours[name], np.float64) - theirs[name])
         assert error.max() <= tolerance, f"{name}: {error.max():.1e}"

@@ -27,6 +27,24 @@ COARSE_CANDIDATES = np.linspace(-2.5, 2.5, 9)
 REFINED_CANDIDATES = np.linspace(-0.5, 0.5, 5)
 IMAGE_SIZE = (13, 15)
 
+LIMITS = {
+    "feature_center": 1e-4,
+    "attention_coarse": 1e-4,
+    "attention_refined": 1e-4,
+    "occlusion_weight": 1e-4,
+    "coarse_volume_sample": 1e-4,
+    "refined_volume_sample": 5e-3,
+    "coarse_prob": 1e-3,
+    "refined_prob": 1e-3,
+    "disparity_coarse": 1e-3,
+    "disparity_refined": 1e-3,
+}
+"""Largest difference allowed from activations that were computed in float32.
+
+The refined volume is looser, since a coarse disparity that differs in its last bits moves the taps
+of features as large as ten.
+"""
+
 
 def load_fixture(path: Path = FIXTURE) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """The weights by path in the published file, and everything else by key."""

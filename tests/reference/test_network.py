@@ -3,27 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.reference.make_fixture import answers, load_fixture
+from tests.reference.make_fixture import LIMITS, answers, load_fixture
 from tests.reference.network import Weights, average_pool, mirror, resize
 from tests.reference.published_layout import (
     published_shapes,
     read_published_layout,
     write_published_layout,
 )
-
-LIMITS = {
-    "feature_center": 1e-4,
-    "attention_coarse": 1e-4,
-    "attention_refined": 1e-4,
-    "occlusion_weight": 1e-4,
-    "coarse_volume_sample": 1e-4,
-    "refined_volume_sample": 5e-3,
-    "coarse_prob": 1e-3,
-    "refined_prob": 1e-3,
-    "disparity_coarse": 1e-3,
-    "disparity_refined": 1e-3,
-}
-"""Largest difference allowed from activations that were computed in float32."""
 
 
 def test_reference_agrees_with_the_published_implementation(shared):
