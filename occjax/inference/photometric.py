@@ -50,8 +50,8 @@ class PhotometricConfig:
     jump: float = 2.0
     edge: float = 0.03
     temperature: float = 0.1
-    refinement_steps: int = 2
-    refinement_radius: float = 8.0
+    refinement_steps: int = 3
+    refinement_radius: float = 12.0
 
 
 class PhotometricResult(NamedTuple):

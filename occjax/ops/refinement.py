@@ -37,9 +37,9 @@ def refine_disparity(
 ) -> Float[Array, "h w"]:
     """Refine a disparity map by information-weighted planes through multi-view Lucas-Kanade steps.
 
-    The weight of a view, ``w_k = exp(-r^2 / noise^2)`` with r^2 the mean of squared residuals in a
-    3x3 window, silences views in which the point is occluded or glossy; the noise is the median
-    residual of the views next to the centre view.
+    The weight of a view, ``w_k = exp(-r^2 / noise)`` with r^2 the mean of squared residuals in a
+    3x3 window, silences views in which the point is occluded or glossy; the noise is the median of
+    r^2 in the views next to the centre view.
 
     Args:
         features: ``[v, u, h, w, c]`` views or features of them, h and w at least 2.

