@@ -21,10 +21,14 @@ from jaxtyping import Array, Float
 
 from occjax.errors import InputError
 from occjax.lightfield import GREY_WEIGHTS
-from occjax.ops.matching import aperture_costs, semi_global
-from occjax.ops.occlusion import occlusion_maps
-from occjax.ops.refinement import median_filter, refine_disparity
-from occjax.ops.regression import confidence
+from occjax.ops import (
+    aperture_costs,
+    confidence,
+    median_filter,
+    occlusion_maps,
+    refine_disparity,
+    semi_global,
+)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,11 @@ Every function takes arrays without a batch axis and is meant to be vmapped; con
 signs are those of :mod:`occjax.lightfield`.
 """
 
+from occjax.ops.filtering import box_filter, fit_planes
 from occjax.ops.geometry import view_offsets
+from occjax.ops.matching import aperture_costs, semi_global
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
+from occjax.ops.refinement import median_filter, refine_disparity
 from occjax.ops.regression import Confidence, confidence, expected_disparity, soft_argmin
 from occjax.ops.sampling import shift, warp
 from occjax.ops.volume import (
@@ -19,15 +22,21 @@ from occjax.ops.volume import (
 
 __all__ = [
     "Confidence",
+    "aperture_costs",
+    "box_filter",
     "coarse_volume",
     "concatenate",
     "confidence",
     "expected_disparity",
+    "fit_planes",
     "group_correlation",
     "mean_and_variance",
+    "median_filter",
     "occlusion_maps",
     "occlusion_weights",
+    "refine_disparity",
     "refined_volume",
+    "semi_global",
     "shift",
     "soft_argmin",
     "view_offsets",

@@ -1,8 +1,6 @@
-"""Edge-aware smoothing of maps and cost volumes, guided by images.
+"""Smoothing of maps and cost volumes.
 
 * :func:`box_filter`: plain means over a square window;
-* :func:`guided_filter`: local, keeps the edges of the guide (He, Sun, Tang, Guided Image Filtering,
-  TPAMI 2013);
 * :func:`fit_planes`: weighted local planes, which follow slanted surfaces and stop at edges.
 """
 
@@ -30,51 +28,6 @@ def box_filter(image: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h
     for axis in (image.ndim - 2, image.ndim - 1):
         image = _running_mean(image, radius, axis)
     return image
-
-
-def guided_filter(
-    image: Float[Array, "*n h w"],
-    guide: Float[Array, "h w"],
-    *,
-    radius: int,
-    epsilon: float,
-) -> Float[Array, "*n h w"]:
-    """Smooth an image except across the edges of a guide.
-
-    In each window the result is the affine function ``a * guide + b`` that fits the image best,
-    with ``a = cov(guide, image) / (var(guide) + epsilon)``; a pixel averages the functions of the
-    windows that contain it. Where the guide varies by much less than ``sqrt(epsilon)`` this is two
-    box filters; across stronger edges of the guide it does not smooth.
-
-    Args:
-        image: ``[..., h, w]`` map, or a stack of maps (a cost volume) filtered one by one.
-        guide: ``[h, w]`` image whose edges are kept.
-        radius: Radius of the windows, in pixels.
-        epsilon: Variance of the guide that counts as flat, in squared units of the guide.
-
-    Returns:
-        ``[..., h, w]`` filtered image.
-
-    Example:
-        >>> step = jnp.repeat(jnp.array([0.0, 1.0]), 8)[None]
-        >>> bool(jnp.abs(guided_filter(step, step, radius=2, epsilon=1e-4) - step).max() < 1e-2)
-        True
-    """
-    mean = box_filter(guide, radius)
-    # The guide's own mean is taken out: in float32 mean(g^2) - mean(g)^2 loses small variances.
-    centred = guide - guide.mean()
-    centred_mean = mean - guide.mean()
-    variance = box_filter(centred * centred, radius) - centred_mean * centred_mean
-
-    def one(plane: Array) -> Array:
-        plane_mean = box_filter(plane, radius)
-        covariance = box_filter(centred * plane, radius) - centred_mean * plane_mean
-        slope = covariance / (variance + epsilon)
-        intercept = plane_mean - slope * centred_mean
-        return box_filter(slope, radius) * centred + box_filter(intercept, radius)
-
-    planes = image.reshape(-1, *guide.shape)
-    return jax.lax.map(one, planes).reshape(image.shape)
 
 
 def fit_planes(

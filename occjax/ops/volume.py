@@ -22,9 +22,7 @@ from jaxtyping import Array, Float, Int
 from occjax.ops.geometry import view_offsets
 from occjax.ops.sampling import Border, Rows, as_coordinates, shift, warp
 
-Combine = Callable[
-    [Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]
-]
+Combine = Callable[[Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]]
 """Registered views and their weights at one candidate -> that candidate's plane of the volume."""
 
 

@@ -18,15 +18,6 @@ def box_filter(image, radius):
     return result
 
 
-def guided_filter(image, guide, radius, epsilon):
-    slope, intercept = np.empty_like(image), np.empty_like(image)
-    for y, x in np.ndindex(*image.shape):
-        g, p = _window(guide, y, x, radius), _window(image, y, x, radius)
-        slope[y, x] = np.mean((g - g.mean()) * (p - p.mean())) / (g.var() + epsilon)
-        intercept[y, x] = p.mean() - slope[y, x] * g.mean()
-    return box_filter(slope, radius) * guide + box_filter(intercept, radius)
-
-
 def fit_planes(values, weights, guides, radius, ridge, passes):
     """Weighted least squares at each pixel, its neighbourhood as a dense matrix."""
     height, width = values.shape
