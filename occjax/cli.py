@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import sys
 import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import jax
 import platformdirs
@@ -26,7 +27,7 @@ from occjax.evaluation import BORDER, THRESHOLDS, evaluate_files
 from occjax.inference import MODELS, Estimate, Estimator
 from occjax.inference.estimate import Precision
 from occjax.inference.outputs import Outputs, write_outputs
-from occjax.io import Layout, Orientation, OrientationReport, OrientationWarning, check, load
+from occjax.io import Layout, Orientation, OrientationReport, check, load
 from occjax.io.orientation import declared_orientation
 from occjax.lightfield import LightField
 from occjax.models.config import Warp
@@ -37,22 +38,31 @@ weights_app = SubcommandApp()
 app.command(weights_app, name="weights", help="Weights of the networks.")
 
 
+def _option(help: str, metavar: str) -> Any:
+    """An option that may be left out; ``None`` means nothing to a user."""
+    return arg(help=help, metavar=metavar, help_behavior_hint="")
+
+
 @dataclasses.dataclass(frozen=True)
 class Stored:
     """How a light field is stored, where that is not found out."""
 
-    layout: Annotated[Layout | None, arg(help="How the views are stored.")] = None
+    layout: Annotated[
+        str | None, _option(f"How the views are stored: {', '.join(get_args(Layout))}.", "LAYOUT")
+    ] = None
     pattern: Annotated[
-        str | None, arg(help="File names of the views, with {v} and {u} or {i} in them.")
+        str | None, _option("File names of the views, with {v} and {u} or {i} in them.", "PATTERN")
     ] = None
     grid: Annotated[
-        tuple[int, int] | None, arg(metavar="V U", help="Rows and columns of views as stored.")
+        tuple[int, int] | None, _option("Rows and columns of views as stored.", "V U")
     ] = None
+    key: Annotated[str | None, _option("Name of the views in an .npz.", "NAME")] = None
     order: Annotated[
         Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")
     ] = "vu"
     flip: Annotated[
-        Literal["", "v", "u", "vu"], arg(help="Axes of the grid that run backwards in the files.")
+        str,
+        _option("Axes of the grid that run backwards in the files: v, u or vu.", "AXES"),
     ] = ""
 
     def load(self, path: Path, **options) -> LightField:
@@ -60,26 +70,38 @@ class Stored:
         return load(path, **dataclasses.asdict(self), **options)
 
 
-Output = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
-
-
 @app.command(name="estimate")
 def estimate_command(
-    scenes: Positional[Annotated[tuple[Path, ...], arg(metavar="SCENE...")]],
-    output: Annotated[Output, arg(help="Results go to FOLDER/<scene>/.")],
+    scenes: Positional[
+        Annotated[
+            tuple[Path, ...],
+            arg(
+                metavar="SCENE...",
+                help="Folders of views, images of all views, or array files.",
+                help_behavior_hint="",
+            ),
+        ]
+    ],
+    output: Annotated[
+        Path, arg(aliases=["-o"], metavar="FOLDER", help="Results go to FOLDER/<scene>/.")
+    ],
     model: Annotated[
-        Literal[MODELS] | None,  # type: ignore[valid-type]
-        arg(help="photometric needs no weights; the others are networks of the paper."),
+        str | None,
+        _option(
+            "photometric, which needs no weights, or a network of the paper: "
+            f"{', '.join(MODELS[1:])}. By default the one the weights were made for.",
+            "MODEL",
+        ),
     ] = None,
     weights: Annotated[
-        Path | None, arg(help="Weights: .safetensors, or the published .h5 / .hdf5.")
+        Path | None, _option("Weights: .safetensors, or the published .h5 / .hdf5.", "FILE")
     ] = None,
     warp: Annotated[
-        Warp | None, arg(help="Warp of the refined volume, if not the weights' own.")
+        Warp | None, _option("correct or transposed, if not the weights' own.", "WARP")
     ] = None,
     disparity_range: Annotated[
         tuple[float, float] | None,
-        arg(metavar="MIN MAX", help="Disparities to search, in pixels per view step."),
+        _option("Disparities to search, in pixels per view step.", "MIN MAX"),
     ] = None,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
     stored: OmitArgPrefixes[Stored] = Stored(),
@@ -88,44 +110,48 @@ def estimate_command(
     if not scenes:
         raise InputError("name at least one scene: a folder of views, an image or an array file")
     estimator = Estimator(model, weights=weights, warp=warp, precision=precision)
-    names = _distinct_names(scenes)
-    failures = []
-    progress = tqdm(scenes, unit="scene", disable=len(scenes) == 1 or None, leave=False)
+    names = _folder_names(scenes)
+    failed = []
+    progress = tqdm(names, unit="scene", disable=len(names) == 1 or None, leave=False)
     for scene in progress:
         say = _phase_reporter(progress, names[scene])
         try:
             say("reading")
-            begin = time.perf_counter()
-            light_field = stored.load(scene)
-            seconds = {"load": time.perf_counter() - begin}
+            light_field, seconds, warned = _timed_load(stored, scene)
             estimate = estimator(light_field, disparity_range=disparity_range, say=say)
-            estimate = dataclasses.replace(estimate, seconds=seconds | estimate.seconds)
+            estimate = dataclasses.replace(
+                estimate,
+                seconds={"load": seconds, **estimate.seconds},
+                notes=(*warned, *estimate.notes),
+            )
             say("writing")
             outputs = write_outputs(estimate, light_field, output / names[scene])
-        except InputError as error:
-            if len(scenes) == 1:
+        except (InputError, MemoryError, OSError, ValueError, RuntimeError) as error:
+            if len(names) == 1:
                 raise
-            failures.append(scene)
-            tqdm.write(f"occjax: {error}", file=sys.stderr)
+            failed.append(scene)
+            # Only the message of an InputError is written for users.
+            kind = "" if isinstance(error, InputError) else f"{scene}: {type(error).__name__}: "
+            tqdm.write(f"occjax: {kind}{error}", file=sys.stderr)
         else:
             tqdm.write(_report(names[scene], estimate, outputs))
-    if failures:
-        listed = ", ".join(str(scene) for scene in failures)
-        print(f"occjax: {len(failures)} of {len(scenes)} scenes failed: {listed}", file=sys.stderr)
-    return 1 if failures else 0
+    if failed:
+        listed = ", ".join(str(scene) for scene in failed)
+        print(f"occjax: {len(failed)} of {len(names)} scenes failed: {listed}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 @app.command(name="evaluate")
 def evaluate_command(
-    estimate: Positional[Path],
-    ground_truth: Positional[Path],
+    estimate: Positional[Annotated[Path, arg(help="Disparity map, PFM or NPY.")]],
+    ground_truth: Positional[Annotated[Path, arg(help="True disparity, PFM or NPY.")]],
     thresholds: Annotated[
         tuple[float, ...], arg(help="BadPix thresholds, in pixels per view step.")
     ] = THRESHOLDS,
     border: Annotated[int, arg(help="Pixels left out at each side.")] = BORDER,
     json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
 ) -> int:
-    """Compare a disparity map (PFM or NPY) with the ground truth."""
+    """Compare a disparity map with the ground truth."""
     metrics = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
     print(json.dumps(metrics.as_dict(), indent=2) if json_ else metrics.table())
     return 0
@@ -133,7 +159,9 @@ def evaluate_command(
 
 @app.command(name="check")
 def check_command(
-    path: Positional[Path],
+    path: Positional[
+        Annotated[Path, arg(help="Folder of views, image of all views, or array file.")]
+    ],
     stored: OmitArgPrefixes[Stored] = Stored(),
 ) -> int:
     """Measure which way round the grid of views is, and the scene's disparity range."""
@@ -147,7 +175,9 @@ def check_command(
 
 @app.command(name="demo")
 def demo_command(
-    output: Annotated[Output, arg(help="Where the pictures go.")] = Path("occjax-demo"),
+    output: Annotated[
+        Path, arg(aliases=["-o"], metavar="FOLDER", help="Where the pictures go.")
+    ] = Path("occjax-demo"),
 ) -> int:
     """Estimate the bundled sample light field and compare it with its ground truth."""
     from occjax.data.sample import sample
@@ -172,18 +202,34 @@ def fetch_command() -> int:
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a name the terminal cannot show is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
+    if sys.argv[1:] in (["--version"], ["-V"]):
+        print(f"occjax {occjax.__version__}")
+        sys.exit(0)
     _cache_compilations()
     with warnings.catch_warnings():
-        warnings.simplefilter("default", OrientationWarning)
+        warnings.simplefilter("default", UserWarning)
         warnings.showwarning = _show_warning
-        try:
-            code = app.cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
-        except InputError as error:
-            print(f"occjax: {error}", file=sys.stderr)
-            code = 2
-        except KeyboardInterrupt:
-            code = 130
-    sys.exit(code)
+        sys.exit(_run())
+
+
+def _run() -> int:
+    """The command's exit code."""
+    try:
+        code = app.cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
+        sys.stdout.flush()
+    except InputError as error:
+        print(f"occjax: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # the reader of our output, head for instance, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except KeyboardInterrupt:
+        print("occjax: interrupted", file=sys.stderr)
+        return 130
+    return code
 
 
 def _cache_compilations() -> None:
@@ -197,16 +243,32 @@ def _show_warning(message, category, filename, lineno, file=None, line=None) -> 
     tqdm.write(f"occjax: warning: {message}", file=sys.stderr)
 
 
-def _distinct_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
-    """A folder name for each scene: its own, with its parents' where two would collide."""
+def _timed_load(stored: Stored, scene: Path) -> tuple[LightField, float, list[str]]:
+    """A light field, the seconds it took, and what its reader warned of."""
+    begin = time.perf_counter()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        light_field = stored.load(scene)
+    for warning in caught:
+        _show_warning(warning.message, warning.category, warning.filename, warning.lineno)
+    return light_field, time.perf_counter() - begin, [str(warning.message) for warning in caught]
+
+
+def _folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
+    """A folder for each scene, named after it, and after its parents where two would collide."""
     names: dict[Path, str] = {}
+    seen = set()
     for scene in scenes:
-        parts = scene.resolve().parts[1:]
-        own = (*parts[:-1], Path(parts[-1]).stem if scene.is_file() else parts[-1])
-        depth = 1
-        while (name := "_".join(own[-depth:])) in names.values() and depth < len(own):
-            depth += 1
-        names[scene] = name
+        if scene.resolve() in seen:
+            continue
+        seen.add(scene.resolve())
+        place = Path(os.path.abspath(scene))  # a link keeps its own name
+        own = place.stem if place.is_file() else place.name
+        candidates = [own, place.name.replace(".", "_")]
+        parents = place.parts[1:-1]
+        candidates += ["_".join([*parents[-depth:], own]) for depth in range(1, len(parents) + 1)]
+        candidates += [f"{own}_{number}" for number in range(2, len(scenes) + 2)]
+        names[scene] = next(name for name in candidates if name and name not in names.values())
     return names
 
 
@@ -244,21 +306,20 @@ def _layout_report(report: OrientationReport, declared: Orientation) -> str:
     """The eight layouts by their consistency, which of them is right, and the disparity range."""
     lines = [
         "",
-        "  mean grey difference from the centre view, at the best disparity of each pixel:",
+        "  mean grey difference from the centre view at each pixel's best disparity:",
     ]
     for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
         lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
     lines.append("")
     right = declared.then(report.best)
-    if not report.clearly_worse:
-        lines.append("layout: as declared")
-    else:
+    if report.clearly_worse:
         flip = f" --flip {right.flip}" if right.flip else ""
         lines.append(f"layout: {report.best.name}; pass --order {right.order}{flip}")
+    else:
+        lines.append("layout: as declared")
     if report.nearer_in_front is not None:
-        lines.append(
-            f"  in {report.nearer_in_front:.0%} of the occlusions the nearer surface is in front"
-        )
+        share = f"{report.nearer_in_front:.0%}"
+        lines.append(f"  in {share} of the occlusions the nearer surface is in front")
     if not report.sign_known:
         lines.append(
             "  too few occlusions to tell the sign of disparity: with rows and columns flipped "

@@ -29,6 +29,8 @@ Say = Callable[[str], None]
 PHOTOMETRIC = "photometric"
 INTERVAL = 0.1
 """Spacing of the photometric candidates, in pixels per view step."""
+MOST_CANDIDATES = 1024
+"""A range that needs more is a mistake: the scene would move by hundreds of pixels."""
 MODELS = (PHOTOMETRIC, *PRESETS)
 
 
@@ -97,16 +99,19 @@ class Estimator:
         self.weights: str | None = None
         self.config: PhotometricConfig | NetworkConfig
         if weights is None and model in (None, PHOTOMETRIC):
-            if warp is not None:
-                raise InputError("the photometric estimator has no choice of warp")
+            if warp is not None or precision != "float32":
+                raise InputError(
+                    "the photometric estimator has no warp and computes in float32; "
+                    "leave out warp (--warp) and precision (--precision)"
+                )
             self.model, self.config = PHOTOMETRIC, PhotometricConfig()
             self._run = jax.jit(partial(_run_photometric, config=self.config))
         elif model == PHOTOMETRIC:
             raise InputError(f"the photometric estimator takes no weights; leave out {weights}")
         elif weights is None:
             raise InputError(
-                f"the network {model} needs weights: pass a file, or fetch the published ones of "
-                "occcasnet with 'occjax weights fetch'"
+                f"the network {model} needs weights: pass a file (--weights FILE), or fetch the "
+                "published ones of occcasnet with 'occjax weights fetch'"
             )
         else:
             expected = None if model is None else preset(model)
@@ -175,6 +180,11 @@ class Estimator:
 
     def _prepare_photometric(self, light_field, disparity_range):
         (low, high), notes = _choose_range(light_field, disparity_range)
+        if (high - low) / INTERVAL > MOST_CANDIDATES:
+            raise InputError(
+                f"{light_field.name}: the disparity range [{low:g}, {high:g}] is too wide; "
+                f"at most {MOST_CANDIDATES * INTERVAL:g} pixels per view step can be searched"
+            )
         # A multiple of eight candidates: scenes of similar range then share a compilation.
         number = 8 * int(np.ceil(((high - low) / INTERVAL + 1) / 8))
         candidates = np.linspace(low, high, number, dtype=np.float32)
@@ -251,13 +261,23 @@ def _choose_range(
         return (float(asked[0]), float(asked[1])), []
     if light_field.disparity_range is not None:
         return light_field.disparity_range, []
-    low, high = check(light_field).disparity_range
-    return (low, high), [f"disparity range [{low:.2f}, {high:.2f}] found by photo-consistency"]
+    report = check(light_field)
+    low, high = report.disparity_range
+    if not report.measured:
+        note = (
+            f"no texture to measure the disparity range from; [{low:.2f}, {high:.2f}] is searched"
+        )
+    else:
+        note = (
+            f"disparity range [{low:.2f}, {high:.2f}] found by photo-consistency in "
+            f"{report.measured:.0%} of the pixels"
+        )
+    return (low, high), [note]
 
 
 def _check_range(disparity_range: tuple[float, float]) -> None:
     low, high = disparity_range
-    if not (np.isfinite([low, high]).all() and low < high):
+    if not (np.isfinite([low, high]).all() and low + 1e-3 <= high):
         raise InputError(f"the disparity range needs minimum < maximum, not {low} {high}")
 
 

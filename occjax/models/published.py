@@ -95,6 +95,8 @@ def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
             raise InputError(f"{path}: is not a Keras 2 weights file (no 'layer_names' attribute)")
         for layer in _text(group.attrs["layer_names"]):
             for name in _text(group[layer].attrs["weight_names"]):
+                if name not in group[layer]:
+                    raise InputError(f"{path}: lists {name} but does not hold it; copy it again")
                 yield name, np.asarray(group[layer][name])
 
 

@@ -59,10 +59,10 @@ def load_weights(
         InputError: If the file cannot be read or was made for another network.
     """
     path = Path(path)
-    if path.suffix in HDF5_SUFFIXES:
+    if path.suffix.lower() in HDF5_SUFFIXES:
         config = dataclasses.replace(config or preset("occcasnet"), warp=warp or "transposed")
         return load_published_weights(path, config), config
-    if path.suffix != ".safetensors":
+    if path.suffix.lower() != ".safetensors":
         raise InputError(
             f"{path}: weights end in .safetensors, or in .h5 or .hdf5 for the published layout"
         )
