@@ -1,7 +1,10 @@
+import errno
+import os
+
 import pytest
 
 from occjax.errors import InputError
-from occjax.io.atomic import atomic_folder, atomic_path
+from occjax.io.atomic import atomic_folder, atomic_path, check_writable
 
 
 def names(folder):
@@ -99,3 +102,93 @@ def test_a_file_in_the_way_of_a_folder_is_named_and_kept(tmp_path):
 def test_errors_of_other_files_pass_unchanged(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "map.pfm"):
         (tmp_path / "elsewhere" / "a.txt").read_text()
+
+
+def test_what_was_owned_and_not_written_again_is_removed_and_nothing_else(tmp_path):
+    path = tmp_path / "scene"
+    path.mkdir()
+    for name in ("error.png", "depth.npy", "mine.txt"):
+        (path / name).write_text("earlier")
+    (path / "points.ply").mkdir()  # no file: not what an earlier run wrote
+    with atomic_folder(path, owned=("depth.npy", "error.png", "points.ply", "none")) as temporary:
+        (temporary / "depth.npy").write_text("now")
+        assert (path / "error.png").exists()
+    assert names(path) == ["depth.npy", "mine.txt", "points.ply"]
+    assert (path / "depth.npy").read_text() == "now"
+
+
+@pytest.mark.parametrize("taken_by_a_folder", [True, False])
+def test_a_name_that_is_taken_is_found_before_anything_is_replaced(tmp_path, taken_by_a_folder):
+    path = tmp_path / "scene"
+    path.mkdir()
+    (path / "a.txt").write_text("earlier")
+    (path / "stale.txt").write_text("earlier")
+    (path / "z").mkdir() if taken_by_a_folder else (path / "z").write_text("mine")
+
+    def write():
+        with atomic_folder(path, owned=("stale.txt",)) as temporary:
+            (temporary / "a.txt").write_text("now")
+            (temporary / "z").write_text("now") if taken_by_a_folder else (temporary / "z").mkdir()
+
+    with pytest.raises(InputError, match="scene/z: cannot be written"):
+        write()
+    assert (path / "a.txt").read_text() == "earlier"
+    assert names(tmp_path) == ["scene", "scene/a.txt", "scene/stale.txt", "scene/z"]
+
+
+@pytest.mark.parametrize("present", [True, False])
+def test_a_full_disk_is_told_with_the_final_name(tmp_path, present):
+    path = tmp_path / "scene"
+    if present:
+        path.mkdir()
+
+    def fill_the_disk():
+        with atomic_folder(path) as folder, atomic_path(folder / "map.png"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(InputError) as caught:
+        fill_the_disk()
+    final = path / "map.png"
+    assert str(caught.value).startswith(f"{final}: cannot be written (no space left on device)")
+    assert names(tmp_path) == (["scene"] if present else [])
+
+
+def test_a_folder_that_is_there_is_filled_from_inside_it(tmp_path):
+    # It may be the root of a file system, and nothing can be renamed across two of them.
+    with atomic_folder(tmp_path) as temporary:
+        assert temporary.parent == tmp_path
+
+
+def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_writable(".")
+    with atomic_folder(".") as temporary:
+        (temporary / "a.txt").write_text("a")
+    assert names(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("folder", ["", "there", "new", "there/new/newer"])
+def test_checking_a_place_that_can_be_written_leaves_no_trace(tmp_path, folder):
+    (tmp_path / "there").mkdir()
+    check_writable(tmp_path / folder)
+    assert names(tmp_path) == ["there"]
+
+
+@pytest.mark.parametrize("folder", ["file", "file/out", "file/out/scene", "new/" + "long" * 100])
+def test_checking_a_place_that_cannot_be_written_names_it_and_leaves_no_trace(tmp_path, folder):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError) as caught:
+        check_writable(tmp_path / folder)
+    assert str(caught.value).startswith(f"{tmp_path / folder}: cannot be written (")
+    assert "\n" not in str(caught.value)
+    assert names(tmp_path) == ["file"]
+
+
+def test_checking_a_folder_whose_contents_may_not_change_is_refused(tmp_path):
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    if os.access(closed, os.W_OK):
+        pytest.skip("this user may write everywhere")
+    for folder in (closed, closed / "out"):
+        with pytest.raises(InputError, match="permission denied"):
+            check_writable(folder)
