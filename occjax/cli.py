@@ -263,7 +263,7 @@ def _folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
             continue
         seen.add(scene.resolve())
         place = Path(os.path.abspath(scene))  # a link keeps its own name
-        own = place.stem if place.is_file() else place.name
+        own = (place.stem if place.is_file() else place.name) or "root"
         candidates = [own, place.name.replace(".", "_")]
         parents = place.parts[1:-1]
         candidates += ["_".join([*parents[-depth:], own]) for depth in range(1, len(parents) + 1)]

@@ -1,13 +1,17 @@
 """The command line, in process: what it prints, writes and returns."""
 
 import json
+import shutil
+import subprocess
 import sys
+from pathlib import Path
 
 import imageio.v3 as imageio
 import jax
 import numpy as np
 import pytest
 
+import occjax
 from occjax import cli
 from occjax.io import read_pfm, write_pfm
 from tests.scenes import plane
@@ -103,6 +107,46 @@ def test_scenes_of_the_same_name_do_not_overwrite_each_other(run, scene, tmp_pat
     assert np.median(second) == pytest.approx(1.0, abs=0.05)
 
 
+def test_names_of_the_result_folders(tmp_path):
+    for name in ("one.npy", "one.npz", "two/scene/view.png", "three/scene/view.png"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "link").symlink_to(tmp_path / "two")
+    scenes = [tmp_path / name for name in ("one.npy", "one.npz", "two/scene", "three/scene")]
+    scenes += [tmp_path / "two" / ".." / "two" / "scene", tmp_path / "link"]
+    names = cli._folder_names(tuple(scenes))
+    assert list(names.values()) == ["one", "one_npz", "scene", "three_scene", "link"]
+    assert cli._folder_names((Path("/"),)) == {Path("/"): "root"}
+
+
+def test_an_unforeseen_failure_does_not_stop_the_other_scenes(run, scene, tmp_path, monkeypatch):
+    write = cli.write_outputs
+
+    def fail_on_first(estimate, light_field, folder):
+        if folder.name == "copy":
+            raise RuntimeError("out of luck")
+        return write(estimate, light_field, folder)
+
+    monkeypatch.setattr(cli, "write_outputs", fail_on_first)
+    shutil.copytree(scene, tmp_path / "copy")
+    code, out, err = run("estimate", tmp_path / "copy", scene, "-o", tmp_path / "out", *RANGE)
+    assert code == 1
+    assert "copy: RuntimeError: out of luck" in err
+    assert "scene: photometric" in out
+
+
+def test_the_version_is_printed(run):
+    code, out, _ = run("--version")
+    assert (code, out) == (0, f"occjax {occjax.__version__}\n")
+
+
+def test_a_reader_that_leaves_early_is_no_error(scene):
+    command = f"'{sys.executable}' -m occjax check '{scene}' | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("scene: 9x9 views")
+    assert done.stderr == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -156,6 +200,8 @@ def test_estimate_warns_of_a_swapped_grid(run, scene, tmp_path):
     assert code == 0
     assert "occjax: warning: " in err
     assert "rows and columns swapped" in err
+    summary = json.loads((tmp_path / "out/scene/summary.json").read_text())
+    assert any("order" in note for note in summary["notes"])
 
 
 def test_demo_measures_the_bundled_sample(run, tmp_path):
