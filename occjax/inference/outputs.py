@@ -7,29 +7,25 @@
 ``confidence.png``    confidence in [0, 1]
 ``occlusion.png``     occlusion map of each view, if the estimator has them; white is occluded
 ``depth.npy``         ``[H, W]`` float32 metres, if the light field is calibrated
-``points.ply``        coloured points: metres if calibrated, else a relief in pixels
+``points.ply``        coloured points: metres if calibrated, else a relief in pixels; without those
+                      pixels that have no signal (:func:`has_signal`)
 ``error.png``         signed error, if there is ground truth
 ``comparison.png``    centre view, ground truth, estimate and error side by side
-``summary.json``      everything in numbers and words
+``summary.json``      everything in numbers and words, see :mod:`occjax.inference.summary`
 ====================  ==========================================================================
 """
 
 from __future__ import annotations
 
 import json
-import math
-import platform
-import resource
-import sys
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from occjax.evaluation.metrics import BORDER, THRESHOLDS, Metrics, evaluate
 from occjax.inference.result import Estimate
+from occjax.inference.summary import summary
 from occjax.io.atomic import atomic_folder
 from occjax.io.pfm import write_pfm
 from occjax.io.ply import write_ply
@@ -42,6 +38,23 @@ from occjax.viz.figures import (
     error_figure,
     occlusion_figure,
 )
+
+FILES = (
+    "comparison.png",
+    "confidence.png",
+    "depth.npy",
+    "disparity.npy",
+    "disparity.pfm",
+    "disparity.png",
+    "error.png",
+    "occlusion.png",
+    "points.ply",
+    "summary.json",
+)
+"""Every name that an estimate may write."""
+
+LEAST_CONFIDENCE = 1e-3
+"""Confidence below which all candidates are as good as equally probable."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +80,9 @@ def write_outputs(estimate: Estimate, light_field: LightField, folder: str | Pat
     Args:
         estimate: What an estimator returned.
         light_field: What it was estimated from.
-        folder: Where the files shall be. If it is there already, files of the same name are
-            replaced and others left alone.
+        folder: Where the files shall be. If it is there already, files of the names in the table
+            are replaced, or removed if this estimate has none of them, so that all results in it
+            belong together; other files are left alone.
 
     Returns:
         What was written; see the table at the top of this module.
@@ -78,11 +92,12 @@ def write_outputs(estimate: Estimate, light_field: LightField, folder: str | Pat
     """
     folder = Path(folder)
     metrics = compare(estimate.disparity, light_field.ground_truth)
-    notes = (*estimate.notes, *_notes(light_field, metrics))
-    with atomic_folder(folder) as temporary:
-        _write_maps(estimate, temporary)
-        _write_geometry(estimate.disparity, light_field, temporary)
-        _write_comparison(estimate.disparity, light_field, metrics, temporary)
+    signal = has_signal(light_field, estimate.confidence)
+    notes = (*estimate.notes, *_notes(light_field, metrics, signal))
+    with atomic_folder(folder, owned=FILES) as temporary:
+        _write_maps(estimate, light_field.ground_truth, temporary)
+        _write_geometry(estimate.disparity, light_field, signal, temporary)
+        _write_comparison(estimate, light_field, metrics, temporary)
         text = json.dumps(summary(estimate, light_field, metrics, notes), indent=2)
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
@@ -105,6 +120,24 @@ def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics |
     if not np.isfinite(ground_truth[inside]).any():
         return None
     return evaluate(disparity, ground_truth, border=border)
+
+
+def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:
+    """Where there is anything that a disparity can be measured from.
+
+    A pixel has no signal if the centre view is black there (below half a step of 8 bits in every
+    channel), as in the corners of a camera's vignetted views, or if its confidence is below
+    :data:`LEAST_CONFIDENCE`.
+
+    Args:
+        light_field: What the disparity was estimated from.
+        confidence: ``[H, W]`` in [0, 1].
+
+    Returns:
+        ``[H, W]`` booleans.
+    """
+    lit = to_unit_float(light_field.centre).max(axis=-1) >= 0.5 / 255.0
+    return lit & ~(confidence < LEAST_CONFIDENCE)
 
 
 def back_project(
@@ -145,53 +178,18 @@ def back_project(
     return points, np.isfinite(points).all(axis=-1)
 
 
-def summary(
-    estimate: Estimate, light_field: LightField, metrics: Metrics | None, notes: tuple[str, ...]
-) -> dict[str, Any]:
-    """What ``summary.json`` holds; values that do not exist are null.
-
-    Args:
-        estimate: What an estimator returned.
-        light_field: What it was estimated from.
-        metrics: Comparison with the ground truth.
-        notes: Sentences the user should hear.
-    """
-    return {
-        "scene": light_field.name,
-        "source": None if light_field.source is None else str(light_field.source),
-        "grid": list(light_field.grid),
-        "image_size": list(light_field.image_size),
-        "model": estimate.model,
-        "weights": estimate.weights,
-        "searched_disparity_range": [float(value) for value in estimate.disparity_range],
-        "disparity": _statistics(estimate.disparity),
-        "confidence": _statistics(estimate.confidence),
-        "metrics": None if metrics is None else metrics.as_dict(),
-        "seconds": {phase: round(float(time), 3) for phase, time in estimate.seconds.items()},
-        "peak_memory_mb": round(peak_memory_bytes() / 1e6, 1),
-        "versions": {
-            "occjax": metadata.version("occjax"),
-            "jax": metadata.version("jax"),
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-        "notes": list(notes),
-    }
-
-
-def peak_memory_bytes() -> int:
-    """Largest memory that this process has had so far; that of a GPU does not count."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
-
-
-def _notes(light_field: LightField, metrics: Metrics | None) -> list[str]:
+def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray) -> list[str]:
     """What the files assume."""
     notes = []
     if light_field.calibration is None:
         notes.append(
             "no calibration: points.ply is a relief in pixels whose depth has no true scale, "
             "and there is no depth.npy"
+        )
+    if not signal.all():
+        notes.append(
+            f"points.ply leaves out {np.sum(~signal)} of {signal.size} pixels without signal "
+            f"(centre view black, or confidence below {LEAST_CONFIDENCE:g})"
         )
     if light_field.ground_truth is not None:
         if metrics is None:
@@ -201,19 +199,23 @@ def _notes(light_field: LightField, metrics: Metrics | None) -> list[str]:
     return notes
 
 
-def _write_maps(estimate: Estimate, folder: Path) -> None:
+def _write_maps(estimate: Estimate, truth: np.ndarray | None, folder: Path) -> None:
     """Disparity, confidence and occlusion."""
     disparity = np.asarray(estimate.disparity, np.float32)
     write_pfm(folder / "disparity.pfm", disparity)
     np.save(folder / "disparity.npy", disparity)
-    save(disparity_figure(disparity), folder / "disparity.png")
-    save(confidence_figure(estimate.confidence), folder / "confidence.png")
+    confidence = estimate.confidence
+    picture = disparity_figure(disparity, confidence=confidence, ground_truth=truth)
+    save(picture, folder / "disparity.png")
+    save(confidence_figure(confidence), folder / "confidence.png")
     if estimate.occlusion is not None:
         save(occlusion_figure(estimate.occlusion), folder / "occlusion.png")
 
 
-def _write_geometry(disparity: np.ndarray, light_field: LightField, folder: Path) -> None:
-    """Depth and points."""
+def _write_geometry(
+    disparity: np.ndarray, light_field: LightField, signal: np.ndarray, folder: Path
+) -> None:
+    """Depth of all pixels, and points of those with signal."""
     calibration = light_field.calibration
     if calibration is not None:
         depth = calibration.depth(disparity, light_field.image_size)
@@ -226,16 +228,19 @@ def _write_geometry(disparity: np.ndarray, light_field: LightField, folder: Path
         if calibration is not None
         else "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
     )
-    write_ply(folder / "points.ply", points[finite], colours[finite], comment=unit)
+    shown = finite & signal
+    write_ply(folder / "points.ply", points[shown], colours[shown], comment=unit)
 
 
 def _write_comparison(
-    disparity: np.ndarray, light_field: LightField, metrics: Metrics | None, folder: Path
+    estimate: Estimate, light_field: LightField, metrics: Metrics | None, folder: Path
 ) -> None:
     """Error map and the overview."""
-    truth = light_field.ground_truth
+    disparity, confidence = estimate.disparity, estimate.confidence
+    centre, truth = light_field.centre, light_field.ground_truth
     if metrics is None or truth is None:
-        save(comparison_figure(light_field.centre, disparity), folder / "comparison.png")
+        overview = comparison_figure(centre, disparity, confidence=confidence)
+        save(overview, folder / "comparison.png")
         return
     threshold = THRESHOLDS[0]
     bad = f"BadPix {threshold:g}: {metrics.badpix[threshold]:.2f} %"
@@ -244,19 +249,6 @@ def _write_comparison(
     error = error_figure(disparity, truth, title=title, bad=threshold, border=border)
     save(error, folder / "error.png")
     overview = comparison_figure(
-        light_field.centre, disparity, truth, score=bad, bad=threshold, border=border
+        centre, disparity, truth, confidence=confidence, score=bad, bad=threshold, border=border
     )
     save(overview, folder / "comparison.png")
-
-
-def _statistics(values: np.ndarray) -> dict[str, float | int | None]:
-    """Range and mean of the finite values; JSON has no NaN."""
-    finite = np.asarray(values, np.float64)[np.isfinite(values)]
-    numbers = (finite.min(), finite.max(), finite.mean()) if finite.size else (math.nan,) * 3
-    smallest, largest, mean = (None if math.isnan(n) else round(float(n), 6) for n in numbers)
-    return {
-        "minimum": smallest,
-        "maximum": largest,
-        "mean": mean,
-        "missing": int(values.size - finite.size),
-    }

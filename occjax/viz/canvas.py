@@ -89,8 +89,12 @@ class Canvas:
         rectangle: tuple[int, int, int, int],
         *,
         ticks: list[float] | None = None,
+        cut: str = "neither",
     ) -> None:
-        """A colour bar in the rectangle (left, top, width, height), along its longer side."""
+        """A colour bar in the rectangle (left, top, width, height), along its longer side.
+
+        Its ends are pointed where ``cut`` (neither, min, max or both) says that values lie beyond.
+        """
         axes = self.axes(*rectangle)
         upright = rectangle[3] > rectangle[2]
         bar = self.figure.colorbar(
@@ -98,6 +102,7 @@ class Canvas:
             cax=axes,
             orientation="vertical" if upright else "horizontal",
             ticks=ticks,
+            extend=cut,
         )
         bar.set_label(label, fontsize=9.5, color=TEXT)
         bar.ax.tick_params(labelsize=8.5, length=3, width=0.7, color=TEXT, labelcolor=TEXT)
@@ -112,6 +117,7 @@ def map_canvas(
     title: str,
     label: str,
     ticks: list[float] | None = None,
+    cut: str = "neither",
 ) -> tuple[Canvas, Axes]:
     """One map with a title above and a colour bar on its right, or below if the map is wide.
 
@@ -122,6 +128,7 @@ def map_canvas(
         title: Line above the map.
         label: What the bar measures.
         ticks: Values to mark on the bar.
+        cut: Ends of the range with values beyond them: neither, min, max or both.
 
     Returns:
         The picture, and the axes that hold the map.
@@ -141,7 +148,7 @@ def map_canvas(
         bar = (left + width + 12, top, BAR_WIDTH, length)
     canvas.title(title, left)
     axes = canvas.image(values, left, top, zoom, colours=colours, norm=norm)
-    canvas.bar(norm, colours, label, bar, ticks=ticks)
+    canvas.bar(norm, colours, label, bar, ticks=ticks, cut=cut)
     return canvas, axes
 
 

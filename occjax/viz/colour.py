@@ -55,8 +55,69 @@ def limits(*maps: np.ndarray) -> Normalize:
         >>> shared.vmin, shared.vmax
         (0.0, 2.0)
     """
-    values = np.concatenate([np.asarray(one, np.float64)[np.isfinite(one)] for one in maps])
+    values = np.concatenate([_finite(one) for one in maps])
     lowest, highest = (values.min(), values.max()) if values.size else (0.0, 0.0)
+    return _range(lowest, highest)
+
+
+def disparity_limits(
+    disparity: np.ndarray,
+    confidence: np.ndarray | None = None,
+    ground_truth: np.ndarray | None = None,
+) -> Normalize:
+    """The range of a scene's disparities, which unreliable pixels of an estimate do not stretch.
+
+    It reaches from the 0.1st to the 99.9th percentile of the confident half of the pixels, and over
+    all of the ground truth. An end is moved out to the estimate's own if that is less than a tenth
+    of the range away: cutting so little off would gain nothing.
+
+    Args:
+        disparity: ``[H, W]`` estimate, pixels per view step.
+        confidence: ``[H, W]`` in [0, 1]. Without it the range is that of the ground truth, or if
+            there is none, of all finite values.
+        ground_truth: ``[H, W]`` pixels per view step.
+
+    Example:
+        >>> wild = np.array([[0.0, 1.0, 50.0]])
+        >>> round(disparity_limits(wild, np.array([[0.9, 0.9, 0.1]])).vmax, 2)
+        1.0
+    """
+    truth = np.empty(0) if ground_truth is None else _finite(ground_truth)
+    valued = np.isfinite(disparity)
+    if confidence is not None:
+        valued &= np.isfinite(confidence)
+    if confidence is None or not valued.any():
+        return limits(truth if truth.size else disparity)
+    confident = disparity[valued & (confidence >= np.median(confidence[valued]))]
+    ends = np.percentile(confident.astype(np.float64), (0.1, 99.9))
+    low, high = truth.min(initial=ends[0]), truth.max(initial=ends[1])
+    slack = 0.1 * (high - low)
+    lowest, highest = _finite(disparity).min(), _finite(disparity).max()
+    return _range(
+        min(low, lowest) if low - lowest < slack else low,
+        max(high, highest) if highest - high < slack else high,
+    )
+
+
+def cut_ends(norm: Normalize, *maps: np.ndarray) -> str:
+    """Which ends of a range have values of the maps beyond them: neither, min, max or both.
+
+    Example:
+        >>> cut_ends(Normalize(0.0, 1.0), np.array([0.5, 2.0]), np.array([np.nan]))
+        'max'
+    """
+    values = np.concatenate([_finite(one) for one in maps])
+    below, above = (values < norm.vmin).any(), (values > norm.vmax).any()
+    return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    """``[N]`` finite values in float64."""
+    return np.asarray(values, np.float64)[np.isfinite(values)]
+
+
+def _range(lowest: float, highest: float) -> Normalize:
+    """A range without extent is widened."""
     if highest - lowest < 1e-6 * max(1.0, abs(highest)):
         lowest, highest = lowest - 0.5, highest + 0.5
     return Normalize(float(lowest), float(highest))

@@ -19,9 +19,10 @@ from occjax.viz.colour import (
     MISSING,
     NO_VALUE,
     confidence_colours,
+    cut_ends,
     disparity_colours,
+    disparity_limits,
     error_colours,
-    limits,
 )
 
 DISPARITY_LABEL = "disparity [pixels per view step]"
@@ -34,16 +35,28 @@ CENTRE_VIEW = "#f2b632"
 """Colour of the frame around the centre view."""
 
 
-def disparity_figure(disparity: np.ndarray, *, title: str = "Disparity") -> Figure:
-    """A disparity map with its colour bar.
+def disparity_figure(
+    disparity: np.ndarray,
+    *,
+    confidence: np.ndarray | None = None,
+    ground_truth: np.ndarray | None = None,
+    title: str = "Disparity",
+) -> Figure:
+    """A disparity map with its colour bar, over the range that the scene has.
 
     Args:
         disparity: ``[H, W]`` pixels per view step.
+        confidence: ``[H, W]`` in [0, 1], to keep wild values out of the range
+            (:func:`occjax.viz.colour.disparity_limits`); the bar's ends are pointed where they
+            lie beyond it.
+        ground_truth: ``[H, W]`` pixels per view step, whose range the colours cover.
         title: Line above the map.
     """
-    norm, colours = limits(disparity), disparity_colours()
+    norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
     title += _missing_note(disparity)
-    return map_canvas(disparity, norm, colours, title=title, label=DISPARITY_LABEL)[0].figure
+    cut = cut_ends(norm, disparity)
+    canvas, _ = map_canvas(disparity, norm, colours, title=title, label=DISPARITY_LABEL, cut=cut)
+    return canvas.figure
 
 
 def confidence_figure(confidence: np.ndarray, *, title: str = "Confidence") -> Figure:
@@ -122,6 +135,7 @@ def comparison_figure(
     disparity: np.ndarray,
     ground_truth: np.ndarray | None = None,
     *,
+    confidence: np.ndarray | None = None,
     score: str = "",
     bad: float = BAD,
     border: int = 0,
@@ -129,16 +143,19 @@ def comparison_figure(
     """Centre view, ground truth, estimate and error side by side.
 
     Without ground truth: centre view and estimate. Ground truth and estimate share their colours,
-    those of the ground truth's range. Images beyond 600 pixels are shown smaller.
+    which are those of :func:`disparity_figure`. Images beyond 600 pixels are shown smaller.
 
     Args:
         centre: ``[H, W, C]`` centre view as stored.
         disparity: ``[H, W]`` estimate, pixels per view step.
         ground_truth: ``[H, W]`` pixels per view step.
+        confidence: ``[H, W]`` in [0, 1], to keep wild values out of the range of the colours.
         score: Words behind the title of the error.
         bad: Error above which a pixel is bad.
         border: Width of the border that the score leaves out.
     """
+    norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
+    cut = cut_ends(norm, disparity)
     step = -(-max(disparity.shape) // 600)
     centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)
     # Disparities are picked, not averaged: the mean of two sides of an edge is on neither.
@@ -161,14 +178,13 @@ def comparison_figure(
     maps = [("Estimate", disparity)]
     if ground_truth is not None:
         maps.insert(0, ("Ground truth", ground_truth))
-    # An estimate may have wild values; the colours are for the scene's own range.
-    norm, colours = limits(maps[0][1]), disparity_colours()
     for left, (name, values) in zip(lefts[1:], maps, strict=False):
         canvas.title(name, left)
         canvas.image(values, left, top, zoom, colours=colours, norm=norm)
     bar_top = top + height * zoom + 10
-    bar_width = len(maps) * (panel + gap) - gap
-    canvas.bar(norm, colours, DISPARITY_LABEL, (lefts[1], bar_top, bar_width, 12))
+    # The labels of the lowest and the highest value are centred below the ends.
+    bar = (lefts[1] + 8, bar_top, len(maps) * (panel + gap) - gap - 16, 12)
+    canvas.bar(norm, colours, DISPARITY_LABEL, bar, cut=cut)
 
     if ground_truth is not None:
         norm, colours, ticks = _error_scale(bad)

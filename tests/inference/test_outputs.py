@@ -3,6 +3,7 @@
 import json
 import math
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 
@@ -126,6 +127,43 @@ def test_a_failure_leaves_an_earlier_result_as_it_was(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["ramp"]
 
 
+def test_results_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
+    folder = tmp_path / "ramp"
+    write_outputs(estimate(), light_field(calibration=CALIBRATION, ground_truth=TRUTH), folder)
+    (folder / "mine.png").write_text("mine")
+    outputs = write_outputs(estimate(occlusion=None), light_field(), folder)
+    assert set(folder.iterdir()) == {*outputs.paths, folder / "mine.png"}
+    names = {path.name for path in outputs.paths}
+    assert names.isdisjoint({"depth.npy", "error.png", "occlusion.png"})
+
+
+def test_a_folder_with_the_name_of_a_result_changes_nothing(tmp_path):
+    folder = tmp_path / "ramp"
+    write_outputs(estimate(), light_field(), folder)
+    (folder / "summary.json").unlink()
+    (folder / "summary.json").mkdir()
+    before = {path.name: path.is_dir() or path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(InputError, match=r"ramp/summary\.json: cannot be written"):
+        write_outputs(estimate(disparity=-TRUTH), light_field(), folder)
+    assert {p.name: p.is_dir() or p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_wild_values_where_confidence_is_low_do_not_change_the_colours(tmp_path):
+    disparity = TRUTH.copy()
+    confidence = np.full((HEIGHT, WIDTH), 0.9, np.float32)
+    disparity[:8, :8], confidence[:8, :8] = 40.0, 0.1
+    scene = light_field()
+    for name, given in (("calm", TRUTH), ("wild", disparity)):
+        write_outputs(estimate(disparity=given, confidence=confidence), scene, tmp_path / name)
+    for picture in ("disparity.png", "comparison.png"):
+        calm, wild = (imageio.imread(tmp_path / name / picture) for name in ("calm", "wild"))
+        # In the middle of the map nothing is wild; the colour bar may differ.
+        height, width = calm.shape[0] // 2, calm.shape[1]
+        left = width // 2 + 120 if picture == "comparison.png" else width // 4
+        middle = np.s_[height : height + 60, left : left + 60, :3]
+        np.testing.assert_allclose(wild[middle].astype(int), calm[middle].astype(int), atol=6)
+
+
 def test_a_folder_that_cannot_be_made_is_an_input_error(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="file"):
@@ -160,13 +198,31 @@ def test_points_at_infinity_and_without_disparity_are_left_out(tmp_path):
     assert math.isinf(np.load(tmp_path / "ramp/depth.npy")[1, 1])
 
 
+def test_points_without_signal_are_left_out_and_told(tmp_path):
+    scene = light_field()
+    scene.views[:] = np.maximum(scene.views, 1)
+    scene.views[1, 1, 2, 3] = 0  # black: nothing was seen
+    scene.views[1, 1, 4, 5] = (0, 0, 1)  # as dark as light can be
+    confidence = np.full((HEIGHT, WIDTH), 0.75, np.float32)
+    confidence[6, 7] = 0.0
+    outputs = write_outputs(estimate(confidence=confidence), scene, tmp_path / "ramp")
+    header, body = (tmp_path / "ramp/points.ply").read_bytes().split(b"end_header\n", 1)
+    assert f"element vertex {HEIGHT * WIDTH - 2}" in header.decode()
+    points = np.ndarray((HEIGHT * WIDTH - 2, 2), "<f4", body, strides=(15, 4))
+    # Pixels by their place in space: x to the right, y up, from the middle.
+    there = {(HEIGHT / 2 - 0.5 - y, x + WIDTH / 2 - 0.5) for x, y in points.tolist()}
+    every = {(y, x) for y in range(HEIGHT) for x in range(WIDTH)}
+    assert every - there == {(2, 3), (6, 7)}
+    assert any(f"leaves out 2 of {HEIGHT * WIDTH} pixels" in note for note in outputs.notes)
+
+
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_points_have_the_colours_of_the_centre_view(tmp_path, channels, dtype):
     views = np.zeros((1, 3, 4, 4, channels), dtype)
     views[0, 1] = 1.0 if dtype == np.float32 else np.iinfo(dtype).max
     flat = np.zeros((4, 4), np.float32)
-    given = estimate(disparity=flat, confidence=flat, occlusion=None)
+    given = estimate(disparity=flat, confidence=flat + 1.0, occlusion=None)
     write_outputs(given, LightField(views=views), tmp_path / "scene")
     body = (tmp_path / "scene/points.ply").read_bytes().split(b"end_header\n", 1)[1]
     assert np.frombuffer(body, np.uint8).reshape(16, 15)[:, 12:].tolist() == [[255] * 3] * 16

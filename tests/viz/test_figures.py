@@ -17,7 +17,7 @@ from occjax.viz import (
     save,
 )
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
-from occjax.viz.colour import error_colours, limits
+from occjax.viz.colour import cut_ends, disparity_limits, error_colours, limits
 
 LEFT, TOP = MARGIN, MARGIN + TITLE_HEIGHT
 RAMP = np.linspace(-1.0, 2.0, 12 * 17, dtype=np.float32).reshape(12, 17)
@@ -134,6 +134,61 @@ def test_constant_and_empty_maps_have_a_picture(value, tmp_path):
 def test_limits_leave_out_what_is_not_finite():
     norm = limits(np.array([np.nan, 1.0, np.inf]), np.array([-2.0]))
     assert (norm.vmin, norm.vmax) == (-2.0, 1.0)
+
+
+def test_unsure_pixels_do_not_stretch_the_range_but_are_cut_off():
+    disparity = np.tile(np.linspace(0.0, 2.0, 1000), (4, 1))
+    confidence = np.full(disparity.shape, 0.6)
+    disparity[0, :300], confidence[0, :300] = 9.0, 0.1
+    norm = disparity_limits(disparity, confidence)
+    np.testing.assert_allclose((norm.vmin, norm.vmax), (0.0, 2.0), atol=0.01)
+    assert cut_ends(norm, disparity) == "max"
+    assert cut_ends(disparity_limits(-disparity, confidence), -disparity) == "min"
+
+
+def test_a_clean_map_is_shown_over_all_of_its_range():
+    norm = disparity_limits(RAMP, np.full(RAMP.shape, 0.3))
+    assert (norm.vmin, norm.vmax) == (-1.0, 2.0)
+    assert cut_ends(norm, RAMP) == "neither"
+
+
+@pytest.mark.parametrize("confidence", [None, np.full((12, 17), 0.5)])
+def test_the_colours_cover_the_ground_truth(confidence):
+    truth = np.full(RAMP.shape, np.nan)
+    truth[0, :2] = (-7.0, 8.0)
+    norm = disparity_limits(RAMP, confidence, truth)
+    assert (norm.vmin, norm.vmax) == (-7.0, 8.0)
+
+
+def test_without_a_single_value_there_still_is_a_range():
+    nothing = np.full((4, 5), np.nan)
+    for confidence in (None, nothing, np.ones((4, 5))):
+        norm = disparity_limits(nothing, confidence)
+        assert norm.vmin < norm.vmax
+
+
+def test_the_bar_is_pointed_where_values_are_cut_off():
+    disparity = RAMP.copy()
+    confidence = np.full(RAMP.shape, 0.5)
+    disparity[:2], confidence[:2] = 50.0, 0.1
+    whole = pixels(disparity_figure(RAMP, confidence=confidence))
+    cut = pixels(disparity_figure(disparity, confidence=confidence))
+    assert whole.shape == cut.shape
+    # The upper left corner of the bar, and the lower one.
+    left = LEFT + 17 * whole_zoom(RAMP.shape) + 12
+    bottom = whole.shape[0] - MARGIN
+    assert whole[TOP + 2, left + 2].min() < 128
+    assert cut[TOP + 2, left + 2].tolist() == [255, 255, 255]
+    assert cut[bottom - 3, left + 2].min() < 128
+
+
+@pytest.mark.parametrize("top", [0.1, 1.75, -3e4])
+@pytest.mark.parametrize("with_truth", [True, False])
+def test_labels_of_a_comparison_keep_clear_of_the_edge(top, with_truth):
+    values = np.linspace(0.0, top, 600).reshape(20, 30)
+    truth = values if with_truth else None
+    image = pixels(comparison_figure(np.zeros((20, 30, 3)), values, truth))
+    assert (image[:, -6:] == 255).all()
 
 
 @pytest.mark.parametrize("size", [(40, 50), (700, 650)])
