@@ -13,6 +13,7 @@ Pixels without a value are treated as follows, for every measure here:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +85,7 @@ def evaluate(
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
         ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        thresholds: Thresholds of BadPix, pixels per view step.
+        thresholds: Thresholds of BadPix, pixels per view step; at least one.
         border: Pixels left out at each side of the image.
         mask: ``[H, W]`` of booleans: True where to compare. None compares everywhere.
 
@@ -92,8 +93,8 @@ def evaluate(
         The measures; see :class:`Metrics`.
 
     Raises:
-        InputError: If the sizes differ, a threshold or the border is negative, or nothing is left
-            to compare.
+        InputError: If the sizes differ, there is no threshold, a threshold or the border is
+            negative or a threshold not finite, or nothing is left to compare.
 
     Example:
         >>> truth = np.zeros((40, 40))
@@ -107,6 +108,8 @@ def evaluate(
         Q25 x100     5.000
         pixels       100 (border of 15 left out)
     """
+    if not thresholds:
+        raise InputError("no BadPix threshold is given; pass one or more in pixels per view step")
     errors = _absolute_errors(estimate, ground_truth, border, mask)
     return Metrics(
         mse_x100=100.0 * _mean_squared(errors),
@@ -208,8 +211,10 @@ def _absolute_errors(
 
 
 def _percent_above(errors: np.ndarray, threshold: float) -> float:
-    if threshold < 0:
-        raise InputError(f"BadPix threshold is {threshold:g}; pass 0 or more pixels per view step")
+    if not 0.0 <= threshold < math.inf:
+        raise InputError(
+            f"BadPix threshold is {threshold:g}; pass 0 or more pixels per view step, finite"
+        )
     return float(100.0 * np.mean(errors > threshold))
 
 

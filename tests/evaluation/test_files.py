@@ -11,6 +11,12 @@ def write_pfm(path, image):
     path.write_bytes(header + image[::-1].astype("<f4").tobytes())
 
 
+def npy_header(shape):
+    """An NPY file of float64 that ends where its values should start, by the format's text."""
+    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
+
+
 def test_the_papers_column_for_cotton(shared):
     folder = shared / "data" / "hci" / "cotton_maps"
     metrics = evaluate_files(folder / "occcasnet_published.pfm", folder / "gt_disp_lowres.pfm")
@@ -32,6 +38,23 @@ def test_pfm_and_npy_are_compared_row_by_row(tmp_path):
     assert metrics.mse_x100 == pytest.approx(100 * 0.25 / 3)
 
 
+def test_a_folder_of_results_stands_for_the_map_in_it(tmp_path):
+    (tmp_path / "scene").mkdir()
+    truth = np.arange(12.0, dtype=np.float32).reshape(3, 4)
+    write_pfm(tmp_path / "scene" / "disparity.pfm", truth + 0.5)
+    np.save(tmp_path / "truth.npy", truth)
+    metrics = evaluate_files(tmp_path / "scene", tmp_path / "truth.npy", border=0)
+    assert metrics.mse_x100 == pytest.approx(25.0)
+
+
+def test_whole_numbers_are_disparities_too(tmp_path):
+    # In uint8 the difference would wrap around.
+    np.save(tmp_path / "estimate.npy", np.full((3, 4), 2, np.uint8))
+    np.save(tmp_path / "truth.npy", np.full((3, 4), 3, np.uint8))
+    metrics = evaluate_files(tmp_path / "estimate.npy", tmp_path / "truth.npy", border=0)
+    assert metrics.mse_x100 == pytest.approx(100.0)
+
+
 @pytest.mark.parametrize(
     ("name", "write", "message"),
     [
@@ -42,7 +65,12 @@ def test_pfm_and_npy_are_compared_row_by_row(tmp_path):
         ("bad.npy", lambda path: path.write_bytes(b""), "not a complete NPY array"),
         ("bad.npy", lambda path: path.write_bytes(b"\x93NUMPY\x01\x00"), "not a complete NPY"),
         ("bad.npy", lambda path: np.save(path, np.array([None])), "not a complete NPY array"),
-        ("bad.npy", lambda path: np.save(path, np.zeros((3, 4), int)), "floating point"),
+        ("bad.npy", lambda path: path.write_bytes(npy_header((2**25, 2**25))), "not a complete"),
+        ("bad.npy", lambda path: path.write_bytes(npy_header((2**62, 2**62))), "not a complete"),
+        ("bad.npy", lambda path: np.save(path, np.zeros((3, 4), complex)), "real numbers"),
+        ("bad.npy", lambda path: np.save(path, np.zeros((3, 4), bool)), "real numbers"),
+        ("bad.npz", lambda path: np.savez(path, np.zeros((3, 4))), r"save .* as a \.npy file"),
+        ("bad", lambda path: path.mkdir(), r"without a disparity\.pfm.*name a"),
         ("bad.npy", lambda path: np.save(path, np.zeros((3, 4, 3))), r"holds \[3, 4, 3\]"),
         ("bad.npy", lambda path: np.save(path, np.zeros((0, 4))), r"holds \[0, 4\]"),
         ("bad.npy", lambda path: np.save(path, np.zeros((3, 5))), "same scene and resolution"),
