@@ -28,6 +28,7 @@ from occjax.inference import MODELS, Estimate, Estimator
 from occjax.inference.estimate import Precision
 from occjax.inference.outputs import Outputs, write_outputs
 from occjax.io import Layout, Orientation, OrientationReport, check, load
+from occjax.io.atomic import check_writable
 from occjax.io.orientation import declared_orientation
 from occjax.lightfield import LightField
 from occjax.models.config import Warp
@@ -111,6 +112,7 @@ def estimate_command(
         raise InputError("name at least one scene: a folder of views, an image or an array file")
     estimator = Estimator(model, weights=weights, warp=warp, precision=precision)
     names = _folder_names(scenes)
+    check_writable(output)
     failed = []
     progress = tqdm(names, unit="scene", disable=len(names) == 1 or None, leave=False)
     for scene in progress:
@@ -183,6 +185,7 @@ def demo_command(
     from occjax.data.sample import sample
 
     light_field = sample()
+    check_writable(output)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"the bundled sample: {v}x{u} views of {h}x{w} pixels, with exact ground truth")

@@ -135,6 +135,14 @@ def test_an_unforeseen_failure_does_not_stop_the_other_scenes(run, scene, tmp_pa
     assert "scene: photometric" in out
 
 
+def test_a_place_that_cannot_be_written_is_told_before_computing(run, scene, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(cli.Estimator, "__call__", None)  # computing would fail
+    code, _, err = run("estimate", scene, "-o", tmp_path / "file", *RANGE)
+    assert code == 2
+    assert str(tmp_path / "file") in err
+
+
 def test_the_version_is_printed(run):
     code, out, _ = run("--version")
     assert (code, out) == (0, f"occjax {occjax.__version__}\n")
