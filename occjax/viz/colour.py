@@ -107,8 +107,10 @@ def cut_ends(norm: Normalize, *maps: np.ndarray) -> str:
         'max'
     """
     values = np.concatenate([_finite(one) for one in maps])
-    below, above = (values < norm.vmin).any(), (values > norm.vmax).any()
-    return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+    below, above = bool((values < norm.vmin).any()), bool((values > norm.vmax).any())
+    if below and above:
+        return "both"
+    return "min" if below else "max" if above else "neither"
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
