@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from occjax.errors import InputError
+from occjax.io.measurement import ENOUGH, NOISE, Measurement, measure
 from occjax.io.occlusion_order import nearer_in_front
 from occjax.io.orientation import ORIENTATIONS, Orientation
 from occjax.io.photoconsistency import CostVolumes, Cross, cross
@@ -29,14 +30,16 @@ CLEARLY = 1.15
 Right and wrong layouts of real light fields are 1.4 to 4 apart.
 """
 
-NOISE = 0.05 / 255
-"""Inconsistencies closer than this are equal: views without texture agree in any layout."""
-
 SURE_OF_SIGN = 0.8
 """Share of collisions from which the occlusion order settles the sign of disparity.
 
 Near views and noise make foreground bleed into background, which votes for the wrong side: real 3x3
 crops come down to 0.35 for the right sign.
+"""
+
+LITTLE_TEXTURE, WELL_MEASURED, MOVED = 0.1, 0.85, 0.3
+"""Share of textured pixels below which, and of measured pixels and disparity in pixels from which,
+it says something that all layouts are alike.
 """
 
 UNKNOWN_RANGE = (-4.0, 4.0)
@@ -54,6 +57,9 @@ class OrientationReport:
         scores: Inconsistency of each layout by its name: mean grey difference, in [0, 1], between
             the centre view and the others at the best disparity of each pixel. Lower is better.
         best: The layout that is right, to be applied to the light field as it is now.
+        conclusive: Whether one layout, up to the sign of disparity, is clearly better than the
+            others. If not, the views have no texture or no disparity, or fit together in no
+            layout: the grid or the arrangement of a mosaic may be wrong.
         clearly_worse: Whether the light field as it is now is wrong beyond doubt.
         nearer_in_front: Under ``best``, the share of occlusions in which the surface of larger
             disparity is in front: near 1 if the sign is right; None if there are too few to say.
@@ -63,15 +69,19 @@ class OrientationReport:
         disparity_range: Disparities of the scene under ``best``, with a small margin, in pixels per
             view step; (-4, 4) if nothing could be measured.
         measured: Share of the pixels that the range is taken from; 0 if there is no texture.
+        fits: Whether the views may belong together. False if they are textured but agree in no
+            layout more than in the others: noise, or a mosaic taken apart wrongly.
     """
 
     scores: dict[str, float]
     best: Orientation
+    conclusive: bool
     clearly_worse: bool
     nearer_in_front: float | None
     sign_known: bool
     disparity_range: tuple[float, float]
     measured: float
+    fits: bool
 
 
 def check(light_field: LightField) -> OrientationReport:
@@ -105,28 +115,31 @@ def check(light_field: LightField) -> OrientationReport:
         LARGEST_MOTION / far_and_wide.reach, LARGEST_DISPARITY
     )
     coarse = CostVolumes(far_and_wide, _candidates(far_and_wide, largest, 65))
-    disparity, sure = _measure(coarse, _most_consistent(coarse))
+    rough = measure(coarse, _most_consistent(coarse))
 
     detailed = cross(light_field, FINE_SIZE)
-    spread = np.abs(_enclosing(disparity[sure], 0.0)).max() if sure.any() else 1.0
-    fine = CostVolumes(detailed, _candidates(detailed, 1.25 * spread + coarse.step, 65))
+    if rough.measured >= ENOUGH and detailed.scale < far_and_wide.scale:
+        largest = min(largest, 1.25 * float(np.abs(rough.extremes).max()) + coarse.step)
+    fine = CostVolumes(detailed, _candidates(detailed, largest, 65))
     scores = {orientation: _score(fine, orientation) for orientation in ORIENTATIONS}
     best = _most_consistent(fine)
-    disparity, sure = _measure(fine, best)
-    best, front, sign_known = _settle_sign(detailed, disparity, best)
-    disparity, sure = _measure(fine, best)
+    best, front, sign_known = _settle_sign(detailed, measure(fine, best).disparity, best)
+    measurement = measure(fine, best)
 
-    declared, right = scores[Orientation()], scores[best]
-    inconsistent = declared > CLEARLY * right and declared - right > NOISE
+    one_stands_out, all_alike = _compare(scores, light_field.grid)
+    conclusive = one_stands_out and not measurement.nothing
+    otherwise = _clearly_above(scores[Orientation()], scores[best])
     only_the_sign = best == Orientation().reversed_sign and sign_known
     return OrientationReport(
-        scores={orientation.name: score for orientation, score in scores.items()},
+        scores={o.name: score * detailed.brightness for o, score in scores.items()},
         best=best,
-        clearly_worse=inconsistent or only_the_sign,
+        conclusive=conclusive,
+        clearly_worse=conclusive and (otherwise or only_the_sign),
         nearer_in_front=front,
         sign_known=sign_known,
-        disparity_range=_range(disparity[sure], fine.step) if sure.any() else UNKNOWN_RANGE,
-        measured=float(sure.mean()),
+        disparity_range=_range(measurement),
+        measured=measurement.measured,
+        fits=conclusive or not (all_alike and _jumbled(measurement)),
     )
 
 
@@ -147,17 +160,40 @@ def _most_consistent(volumes: CostVolumes) -> Orientation:
     one_of_each_pair = [o for o in ORIENTATIONS if not o.flip_columns]
     best = min(one_of_each_pair, key=lambda orientation: _score(volumes, orientation))
     declared, right = _score(volumes, Orientation()), _score(volumes, best)
-    clear = declared > CLEARLY * right and declared - right > NOISE
-    return best if clear else Orientation()
+    return best if _clearly_above(declared, right) else Orientation()
 
 
-def _measure(volumes: CostVolumes, orientation: Orientation) -> tuple[np.ndarray, np.ndarray]:
-    """``[h, w]`` disparity under a layout, and where its cost stands out from the others'."""
-    volume = volumes.of(orientation)
-    index = volume.argmin(0)
-    lowest = np.take_along_axis(volume, index[None], 0)[0]
-    sure = (lowest < 0.5 * volume.mean(0)) & (volume.mean(0) > 4 * NOISE)
-    return volumes.candidates[index].astype(np.float32), sure
+def _clearly_above(score: float, best: float) -> bool:
+    """Whether a layout of this score is worse than the best beyond doubt."""
+    return score > CLEARLY * best and score - best > NOISE
+
+
+def _compare(scores: dict[Orientation, float], grid: tuple[int, int]) -> tuple[bool, bool]:
+    """Whether one layout, up to the sign of disparity, is clearly best; whether all are alike.
+
+    On a grid of one row or column the flip along the missing axis changes nothing.
+    """
+    kinds = [Orientation(), Orientation(swap=True)]
+    if min(grid) > 1:
+        kinds += [Orientation(flip_rows=True), Orientation(swap=True, flip_rows=True)]
+    ranked = sorted(scores[kind] for kind in kinds)
+    return _clearly_above(ranked[1], ranked[0]), not _clearly_above(ranked[-1], ranked[0])
+
+
+def _jumbled(measurement: Measurement) -> bool:
+    """Whether textured views that are alike in all layouts show that they do not belong together.
+
+    Views that are the same or differ by noise alone are alike in all layouts, too.
+    """
+    if measurement.textured < LITTLE_TEXTURE:
+        return False
+    if measurement.nothing:
+        return True
+    low, high = measurement.extremes
+    largest = measurement.candidates[-1]
+    anything_goes = high - low > 1.6 * largest
+    moved = max(-low, high) > MOVED and measurement.measured > WELL_MEASURED
+    return bool(anything_goes or moved)
 
 
 def _settle_sign(
@@ -170,12 +206,9 @@ def _settle_sign(
     return (best, front, True) if front >= 0.5 else (best.reversed_sign, 1 - front, True)
 
 
-def _enclosing(disparity: np.ndarray, margin: float) -> np.ndarray:
-    """Lower and upper end, but for a few outliers."""
-    return np.percentile(disparity, [0.3, 99.7]) + np.array([-margin, margin])
-
-
-def _range(disparity: np.ndarray, step: float) -> tuple[float, float]:
+def _range(measurement: Measurement) -> tuple[float, float]:
     """The range to search, rounded outwards to a twentieth of a pixel."""
-    low, high = _enclosing(disparity, step) * 20
+    if measurement.nothing:
+        return UNKNOWN_RANGE
+    low, high = np.round(measurement.span * 20, 3)  # what rounding errors add is no reason to widen
     return math.floor(low) / 20, math.ceil(high) / 20

@@ -16,7 +16,7 @@ from occjax.io.hdf5 import read_hdf5
 from occjax.io.images import IMAGE_SUFFIXES
 from occjax.io.mosaics import read_mosaic
 from occjax.io.naming import FolderLayout
-from occjax.io.orientation import Orientation, declared_orientation
+from occjax.io.orientation import Orientation, declaration, declared_orientation
 from occjax.lightfield import LightField
 
 Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "array", "hdf5"]
@@ -135,17 +135,23 @@ def _read(
 def _warn_if_otherwise(path: Path, light_field: LightField, declared: Orientation) -> None:
     """Say how to declare the layout that the images show."""
     report = check(light_field)
+    if not report.fits:
+        rows, columns = light_field.grid
+        warnings.warn(
+            f"{path}: no layout of the {rows}x{columns} views is consistent; "
+            "is the grid or layout right?",
+            OrientationWarning,
+            stacklevel=3,
+        )
     if not report.clearly_worse:
         return
-    right = declared.then(report.best)
-    found = report.best.name
-    or_else = ""
+    likely = [declared.then(report.best)]
     if not report.sign_known:
-        other = declared.then(report.best.reversed_sign)
-        or_else = f" (or, less likely, order={other.order!r}, flip={other.flip!r})"
+        likely.append(declared.then(report.best.reversed_sign))
+        likely.sort(key=lambda orientation: len(orientation.flip))
     warnings.warn(
-        f"{path}: the images show another order of the views than declared ({found}); "
-        f"pass order={right.order!r}, flip={right.flip!r}{or_else}",
+        f"{path}: the images show another order of the views than declared ({report.best.name}); "
+        f"{' or '.join(map(declaration, likely))}",
         OrientationWarning,
         stacklevel=3,
     )

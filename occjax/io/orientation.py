@@ -140,3 +140,21 @@ def declared_orientation(order: str, flip: str) -> Orientation:
     if flip not in ("", "v", "u", "vu", "uv"):
         raise InputError(f"flip is {flip!r}; it must be '', 'v' (rows), 'u' (columns) or 'vu'")
     return Orientation(order == "uv", "v" in flip, "u" in flip)
+
+
+def declaration(orientation: Orientation) -> str:
+    """How a user declares an orientation, in Python or on the command line.
+
+    Example:
+        >>> declaration(Orientation(swap=True, flip_rows=True))
+        'pass order (--order uv) and flip (--flip v)'
+        >>> declaration(Orientation())
+        'leave out order and flip'
+    """
+    order = f"order (--order {orientation.order})" if orientation.swap else ""
+    flip = f"flip (--flip {orientation.flip})" if orientation.flip else ""
+    if order and flip:
+        return f"pass {order} and {flip}"
+    if not order and not flip:
+        return "leave out order and flip"
+    return f"pass {order or flip} alone"

@@ -31,6 +31,9 @@ MEAN_RADIUS = {1: 3, 2: 2, 3: 1}
 HIGH_PASS_RADIUS = 4
 """Half width in pixels of the local mean that is taken off."""
 
+BRIGHT = 98
+"""Percentile of the grey values of the centre view that counts as its brightness."""
+
 
 @dataclass(frozen=True)
 class Arm:
@@ -55,11 +58,14 @@ class Cross:
         centre: ``[h, w]`` grey centre view.
         arms: Up to four; fewer at the border of small grids.
         scale: Pixels of the light field per pixel here.
+        brightness: What the grey values were divided by, so that no threshold depends on the
+            exposure or on how many bits of its type the light field uses.
     """
 
     centre: np.ndarray
     arms: tuple[Arm, ...]
     scale: int
+    brightness: float = 1.0
 
     @property
     def reach(self) -> float:
@@ -75,17 +81,22 @@ class Cross:
         arms = tuple(
             Arm(arm.along_row, arm.offsets, tuple(map(sharpen, arm.images))) for arm in self.arms
         )
-        return Cross(sharpen(self.centre), arms, self.scale)
+        return Cross(sharpen(self.centre), arms, self.scale, self.brightness)
 
 
 def cross(light_field: LightField, size: int) -> Cross:
-    """The cross of views, reduced so that the shorter image side is at most ``size`` pixels."""
+    """The cross of views, reduced so that the shorter image side is at most ``size`` pixels.
+
+    Grey values are divided by the brightness of the centre view.
+    """
     scale = max(1, math.ceil(min(light_field.image_size) / size))
     rows, columns = light_field.grid
     v0, u0 = rows // 2, columns // 2
+    centre = _reduce(to_grey(light_field.centre), scale)
+    brightness = float(np.percentile(centre, BRIGHT)) or 1.0
 
     def image(v: int, u: int) -> np.ndarray:
-        return _reduce(to_grey(light_field.views[v, u]), scale)
+        return _reduce(to_grey(light_field.views[v, u]), scale) / np.float32(brightness)
 
     arms = []
     for along_row, sign in ((True, -1), (True, 1), (False, -1), (False, 1)):
@@ -94,7 +105,7 @@ def cross(light_field: LightField, size: int) -> Cross:
         if places:
             offsets = tuple(_offset(light_field, v, u, along_row) for v, u in places)
             arms.append(Arm(along_row, offsets, tuple(image(v, u) for v, u in places)))
-    return Cross(image(v0, u0), tuple(arms), scale)
+    return Cross(image(v0, u0), tuple(arms), scale, brightness)
 
 
 class CostVolumes:
@@ -104,11 +115,16 @@ class CostVolumes:
         candidates: ``[D]`` disparities in pixels of the light field per view step, symmetric
             around zero so that negating them is reversing the volume.
         step: Distance of neighbouring candidates.
+        images: How many grey differences are averaged at each pixel.
+        window: Side in pixels of the square over which they are averaged in addition.
     """
 
     def __init__(self, cross: Cross, candidates: np.ndarray) -> None:
         self.candidates = candidates
         self.step = float(candidates[1] - candidates[0])
+        lengths = {arm.along_row: len(arm.images) for arm in cross.arms}
+        self.images = sum(lengths.values())
+        self.window = min(2 * MEAN_RADIUS[length] + 1 for length in lengths.values())
         cross = cross.without_mean()
         self._along = {
             (along_row, axis): self._both_arms(cross, along_row, axis)

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.io import ORIENTATIONS, Orientation, check, load, read_pfm
+from occjax.io import (
+    ORIENTATIONS,
+    Orientation,
+    check,
+    join_macpi,
+    join_tiles,
+    load,
+    read_pfm,
+    split_macpi,
+    split_tiles,
+)
 from occjax.lightfield import LightField
 from tests.io.scenes import texture, two_planes
 
@@ -21,6 +31,7 @@ def test_each_of_the_eight_layouts_is_recognised(scene, stored):
     report = check(stored.apply(scene))
     assert stored.then(report.best) == DECLARED
     assert report.clearly_worse == (stored != DECLARED)
+    assert report.conclusive
     assert report.sign_known
     assert report.nearer_in_front > 0.9
     assert set(report.scores) == {orientation.name for orientation in ORIENTATIONS}
@@ -31,6 +42,28 @@ def test_the_range_encloses_the_scene_with_a_small_margin(scene):
     low, high = check(scene).disparity_range
     assert -1.0 - 0.5 <= low < -1.0
     assert 1.5 < high <= 1.5 + 0.5
+
+
+@pytest.mark.parametrize(("contrast", "noise"), [(1.0, 0.03), (0.3, 0.02), (0.1, 0.008)])
+def test_weak_texture_and_noise_do_not_narrow_the_range(scene, contrast, noise):
+    rng = np.random.default_rng(0)
+    weak = 0.5 + contrast * (scene.views - 0.5) + rng.normal(0, noise, scene.views.shape)
+    low, high = check(LightField(np.clip(weak, 0, 1).astype(np.float32))).disparity_range
+    assert -1.0 - 1.5 <= low < -1.0
+    assert 1.5 < high <= 1.5 + 1.5
+
+
+@pytest.mark.parametrize("gain", [1 / 16, 1 / 200])
+def test_nothing_depends_on_the_exposure(scene, gain):
+    """Sensors of 12 bits stored in 16 use a sixteenth of the type."""
+    bright = check(scene)
+    dark = check(LightField(np.rint(scene.views * gain * 65535).astype(np.uint16)))
+    assert dark.best == DECLARED
+    assert dark.conclusive
+    assert dark.sign_known == bright.sign_known
+    np.testing.assert_allclose(dark.disparity_range, bright.disparity_range, atol=0.15)
+    for name, score in bright.scores.items():
+        np.testing.assert_allclose(dark.scores[name], gain * score, rtol=0.2)
 
 
 @pytest.mark.parametrize("grid", [(3, 3), (2, 2), (3, 5), (4, 4)])
@@ -85,11 +118,36 @@ def test_views_without_texture_are_not_called_wrong(value):
     assert report.best == DECLARED
     assert not report.clearly_worse
     assert report.measured == 0.0
+    assert not report.conclusive
+    assert report.fits
 
 
-def test_pure_noise_is_not_called_wrong():
-    noise = np.random.default_rng(0).integers(0, 256, (5, 5, 64, 64, 1), np.uint8)
-    assert not check(LightField(noise)).clearly_worse
+@pytest.mark.parametrize("size", [32, 64, 96])
+def test_pure_noise_is_not_called_wrong_but_unfit(size):
+    noise = np.random.default_rng(0).integers(0, 256, (5, 5, size, size, 1), np.uint8)
+    report = check(LightField(noise))
+    assert not report.clearly_worse
+    assert not report.conclusive
+    assert not report.fits
+    assert report.disparity_range == (-4.0, 4.0)
+
+
+def test_copies_of_one_view_fit_in_every_layout(scene):
+    same = np.broadcast_to(scene.centre, scene.views.shape)
+    report = check(LightField(np.ascontiguousarray(same)))
+    assert report.fits
+    assert not report.conclusive
+    assert not report.clearly_worse
+
+
+@pytest.mark.parametrize(("join", "split"), [(join_tiles, split_macpi), (join_macpi, split_tiles)])
+def test_a_mosaic_taken_apart_wrongly_is_not_conclusive(join, split):
+    views = two_planes((5, 5), (60, 60))[0]
+    report = check(LightField(split(join(views), (5, 5))))
+    assert not report.conclusive
+    assert not report.clearly_worse
+    if join is join_macpi:  # in the other case the views are small, alike and hardly move
+        assert not report.fits
 
 
 def test_vignetting_and_noise_do_not_matter(scene):
@@ -146,3 +204,30 @@ def test_the_range_of_real_light_fields_encloses_the_truth(shared, scene):
     assert time.perf_counter() - start < 20.0  # about 2 s when nothing else runs
     assert truth.min() - 0.5 < low < np.percentile(truth, 0.5)
     assert np.percentile(truth, 99.5) < high < truth.max() + 0.5
+
+
+@pytest.mark.parametrize(
+    ("scene", "row", "column"),
+    [
+        ("hci/antinous", 372, 280),
+        ("hci/antinous", 200, 220),
+        ("hci/antinous", 294, 36),
+        ("rendered/s013", 76, 64),
+        ("rendered/s013", 72, 47),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.0, 4 / 255])
+def test_the_range_of_crops_encloses_the_truth_in_spite_of_noise(shared, scene, row, column, noise):
+    crop = np.s_[row : row + 128, column : column + 128]
+    views = load(shared / "data" / scene, check_orientation=False).views[:, :, *crop] / 255
+    truth = read_pfm(shared / "data" / scene / "gt_disp_lowres.pfm")[crop]
+    noisy = views + np.random.default_rng(0).normal(0, noise, views.shape) if noise else views
+    low, high = check(LightField(np.clip(noisy, 0, 1).astype(np.float32))).disparity_range
+    assert np.mean((truth < low) | (truth > high)) < 0.01
+
+
+def test_a_tiny_crop_raises_no_false_alarm(shared):
+    views = load(shared / "data/rendered/s013", check_orientation=False).views
+    for row, column in np.random.default_rng(0).integers(0, 140, (12, 2)):
+        crop = views[:, :, row : row + 32, column : column + 32]
+        assert not check(LightField(np.ascontiguousarray(crop))).clearly_worse

@@ -9,7 +9,7 @@ from occjax.errors import InputError
 from occjax.io import Orientation, OrientationWarning, load, read_arrays, write_arrays, write_pfm
 from occjax.lightfield import LightField
 from tests.io.files import CONFIG, hci, save_views
-from tests.io.scenes import two_planes
+from tests.io.scenes import texture, two_planes
 
 
 @pytest.fixture(scope="module")
@@ -176,15 +176,34 @@ def test_another_order_than_declared_is_warned_about_with_its_cure(tmp_path):
     views = two_planes()[0]
     swapped = Orientation(swap=True, flip_rows=True).apply(LightField(views)).views
     np.save(tmp_path / "scene.npy", swapped)
-    with pytest.warns(OrientationWarning, match=r"scene\.npy.*pass order='uv', flip='u'") as caught:
+    with pytest.warns(OrientationWarning, match=r"scene\.npy.*pass order \(--order uv\)") as caught:
         load(tmp_path / "scene.npy")
     assert "\n" not in str(caught[0].message)
+    assert "and flip (--flip u)" in str(caught[0].message)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         cured = load(tmp_path / "scene.npy", order="uv", flip="u")
     np.testing.assert_array_equal(cured.views, views)
-    with pytest.warns(OrientationWarning, match="pass order='uv', flip='u'"):
+    with pytest.warns(OrientationWarning, match=r"pass order \(--order uv\) and flip \(--flip u\)"):
         load(tmp_path / "scene.npy", order="vu", flip="u")
+
+
+def test_of_two_equally_likely_orders_the_plainer_comes_first(tmp_path):
+    """A slanted wall hides nothing, so its sign of disparity is unknown."""
+    y, x = np.mgrid[:80, :80].astype(float)
+    columns = [[texture(y + 1.3 * v, x + 1.3 * u) for v in range(-2, 3)] for u in range(-2, 3)]
+    np.save(tmp_path / "wall.npy", np.float32(columns))
+    cure = r"pass order \(--order uv\) alone or pass order \(--order uv\) and flip \(--flip vu\)$"
+    for flip in ("", "vu"):
+        with pytest.warns(OrientationWarning, match=cure):
+            load(tmp_path / "wall.npy", flip=flip)
+
+
+def test_views_that_do_not_belong_together_are_warned_about(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, (5, 5, 64, 64, 1), np.uint8)
+    np.save(tmp_path / "noise.npy", noise)
+    with pytest.warns(OrientationWarning, match="no layout of the 5x5 views is consistent"):
+        load(tmp_path / "noise.npy")
 
 
 def test_real_folders_load_as_declared(shared):
