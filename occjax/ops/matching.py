@@ -21,6 +21,7 @@ from jaxtyping import Array, Float
 from occjax.errors import InputError
 from occjax.ops.filtering import box_filter
 from occjax.ops.geometry import view_offsets
+from occjax.ops.noise import expected_departure, interpolation_gain
 from occjax.ops.sampling import as_coordinates
 
 Aperture = Literal["half", "quarter"]
@@ -33,6 +34,7 @@ def aperture_costs(
     *,
     truncation: Float[Array, " c"],
     aperture: Aperture = "quarter",
+    noise: Float[Array, " c"] | None = None,
     radius: int = 1,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
@@ -49,6 +51,10 @@ def aperture_costs(
         truncation: ``[c]`` difference of each feature that counts as "something else", so that
             highlights and occluders are not followed.
         aperture: What is compared beside the whole aperture: its eight halves or eight quarters.
+        noise: ``[c]`` standard deviation of each feature's noise, independent from pixel to pixel.
+            To each ``|feature_k - feature_centre|`` it adds what the mean difference lost because
+            view k was read between pixels, which averages noise; without it, noisy images favour
+            the candidates that read between pixels.
         radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
             in pixels; without it noise makes the choice.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
@@ -88,17 +94,22 @@ def aperture_costs(
     candidates, offsets = as_coordinates(candidates, offsets)
     displacements = -offsets.reshape(-1, 2)[view]
     scale = (1 / (c * truncation)).astype(features.dtype)[channel]
+    if noise is None:
+        noise = jnp.zeros_like(truncation)
 
     @jax.checkpoint
     def plane(candidate):
+        averaged = _averaged_noise(noise, truncation, candidate * displacements, channel)
+
         def add_feature(sums, step):
-            view, channel, sector, displacement, scale = step
+            view, channel, sector, displacement, scale, averaged = step
             shifted = _shift(padded, (view, channel), candidate * displacement, margin)
-            departure = jnp.abs(shifted - centre[channel]) * scale
+            departure = (jnp.abs(shifted - centre[channel]) + averaged) * scale
             return sums.at[sector].add(jnp.minimum(departure, 1 / c)), None
 
         start = jnp.zeros((SECTORS, h, w), features.dtype)
-        sums, _ = jax.lax.scan(add_feature, start, (view, channel, sector, displacements, scale))
+        terms = (view, channel, sector, displacements, scale, averaged)
+        sums, _ = jax.lax.scan(add_feature, start, terms)
         return jnp.tensordot(parts, box_filter(sums, radius), 1, precision="highest").min(0)
 
     return jax.lax.map(plane, candidates)
@@ -175,6 +186,14 @@ def _shift(padded: Array, plane: tuple[Array, Array], displacement: Array, margi
     left = tap(0, 0) * (1 - fraction_row) + tap(1, 0) * fraction_row
     right = tap(0, 1) * (1 - fraction_row) + tap(1, 1) * fraction_row
     return left * (1 - fraction_column) + right * fraction_column
+
+
+def _averaged_noise(noise: Array, truncation: Array, displacements: Array, channel: Array) -> Array:
+    """``[k]`` mean truncated difference that averaging by interpolation takes from noise."""
+    noise, truncation = noise[channel], truncation[channel]
+    remaining = jnp.sqrt(1 + interpolation_gain(displacements)).astype(noise.dtype)
+    whole = expected_departure(noise * np.sqrt(2).item(), truncation)
+    return whole - expected_departure(noise * remaining, truncation)
 
 
 def _sectors(v: int, u: int) -> tuple[np.ndarray, np.ndarray]:

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.ops.filtering import box_filter, fit_planes
 from occjax.ops.geometry import view_offsets
+from occjax.ops.noise import views_beside_the_centre
 from occjax.ops.sampling import warp
 
 
@@ -70,7 +70,7 @@ def refine_disparity(
     centre = stack[(v // 2) * u + u // 2]
     gradient_y, gradient_x = _central_differences(centre)
     smooth_guide = box_filter(guide, 1)  # noise of the guide is no edge
-    beside = _views_beside_the_centre(v, u)
+    beside = views_beside_the_centre(v, u)
 
     def residual(feature, offset, disparity):
         difference = warp(feature, disparity, offset) - centre
@@ -130,9 +130,3 @@ def _central_differences(image: Array) -> tuple[Array, Array]:
     along_y = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / 2
     along_x = (padded[1:-1, 2:] - padded[1:-1, :-2]) / 2
     return along_y, along_x
-
-
-def _views_beside_the_centre(v: int, u: int) -> np.ndarray:
-    """Flat indices of the up to four views that are one step from the centre view."""
-    rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
-    return np.flatnonzero(np.abs(rows) + np.abs(columns) == 1)

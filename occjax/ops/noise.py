@@ -1,0 +1,119 @@
+"""Noise of the images: how strong it is, and what interpolation does to it.
+
+A view read between pixels is an average of up to four of them, and so less noisy than one read at
+whole pixels: of independent noise of variance s^2 the fraction ``interpolation_gain`` s^2 remains,
+1 at whole pixels and 1/4 in the middle of four. Left alone, noise makes disparities that read
+between pixels look like better matches.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from occjax.ops.filtering import box_filter
+from occjax.ops.geometry import view_offsets
+from occjax.ops.sampling import as_coordinates, warp
+
+WINDOW_RADIUS = 4
+QUANTILE = 0.25
+
+
+def interpolation_gain(displacement: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+    """Share of the variance of independent noise that bilinear interpolation leaves.
+
+    Args:
+        displacement: ``[..., 2]`` displacement ``(row, column)``, in pixels.
+
+    Returns:
+        ``[...]`` gain between 1/4 and 1.
+
+    Example:
+        >>> interpolation_gain(jnp.array([[0.0, 2.0], [0.5, 1.0], [0.5, 0.5]])).tolist()
+        [1.0, 0.5, 0.25]
+    """
+    fraction = displacement - jax.lax.stop_gradient(jnp.floor(displacement))
+    return (jnp.square(fraction) + jnp.square(1 - fraction)).prod(-1)
+
+
+def expected_departure(
+    deviation: Float[Array, "*n"], truncation: Float[Array, "*n"]
+) -> Float[Array, "*n"]:
+    """Mean of ``min(|n|, truncation)`` for normally distributed n of mean zero.
+
+    Args:
+        deviation: ``[...]`` standard deviation of n, at least 0.
+        truncation: ``[...]`` greatest absolute value counted, positive.
+
+    Returns:
+        ``[...]`` means.
+
+    Example:
+        >>> round(float(expected_departure(jnp.array(1.0), jnp.array(9.0))), 4)  # sqrt(2 / pi)
+        0.7979
+    """
+    deviation = jnp.maximum(deviation, 1e-6 * truncation)
+    ratio = truncation / deviation
+    within = deviation * np.sqrt(2 / np.pi).item() * (1 - jnp.exp(-jnp.square(ratio) / 2))
+    return within + truncation * jax.scipy.special.erfc(ratio / np.sqrt(2).item())
+
+
+def noise_level(
+    views: Float[Array, "v u h w"],
+    candidates: Float[Array, " d"],
+    *,
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> Float[Array, ""]:
+    """Standard deviation of the noise of one view, from what is left of the views' differences.
+
+    The views next to the centre one are compared with it over windows of 9x9 pixels; each window
+    takes its best candidate. A low quantile over the windows leaves out occlusion and texture too
+    fine to interpolate, which would pass for noise. No derivative passes through the estimate.
+
+    Args:
+        views: ``[v, u, h, w]`` grey views, h and w at least 2.
+        candidates: ``[d]`` disparities, pixels per view step.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+
+    Returns:
+        Standard deviation, in the unit of the views; within about a tenth on natural images.
+
+    Example:
+        >>> noise = 0.1 * jax.random.normal(jax.random.key(0), (3, 3, 64, 64))
+        >>> round(float(noise_level(noise, jnp.zeros(1))), 1)
+        0.1
+    """
+    v, u, h, w = views.shape
+    if offsets is None:
+        offsets = view_offsets(v, u)
+    views = jax.lax.stop_gradient(views)
+    candidates, offsets = as_coordinates(candidates, offsets)
+    beside = views_beside_the_centre(v, u)
+    neighbours = views.reshape(v * u, h, w, 1)[beside], offsets.reshape(-1, 2)[beside]
+    centre = views[v // 2, u // 2]
+
+    def best_of(neighbour):
+        view, offset = neighbour
+
+        def least(best, candidate):
+            warped = warp(view, jnp.full((h, w), candidate), offset)[..., 0]
+            # The difference has the variance of the centre view's noise and of what remains here.
+            deviation = jnp.sqrt(1 + interpolation_gain(candidate * offset)).astype(views.dtype)
+            difference = box_filter(jnp.abs(warped - centre), WINDOW_RADIUS) / deviation
+            return jnp.minimum(best, difference), None
+
+        return jax.lax.scan(least, jnp.full((h, w), jnp.inf, views.dtype), candidates)[0]
+
+    # Of a normal distribution the mean absolute value is sqrt(2 / pi) standard deviations.
+    means = jax.lax.map(best_of, neighbours)
+    level = jnp.quantile(means, QUANTILE) * np.sqrt(np.pi / 2).item()
+    return jax.lax.stop_gradient(level)
+
+
+def views_beside_the_centre(v: int, u: int) -> np.ndarray:
+    """Flat indices of the up to four views that are one step from the centre view."""
+    rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
+    return np.flatnonzero(np.abs(rows) + np.abs(columns) == 1)
