@@ -2,12 +2,14 @@
 
 The steps, each a function of :mod:`occjax.ops`:
 
-1. costs of all candidates from grey values and their gradients, best part of the aperture;
-2. semi-global aggregation guided by the centre view, which carries disparity across untextured
+1. brightness by the centre view's own white, so that exposure and bit depth do not matter;
+2. costs of all candidates from grey values and their gradients, best part of the aperture, without
+   the favour that noise does to candidates between pixels;
+3. semi-global aggregation guided by the centre view, which carries disparity across untextured
    regions and stops at edges;
-3. the cheapest candidate, to a fraction of the spacing by a parabola through its neighbours;
-4. refinement by planes through what all views, weighted by visibility and texture, say near it;
-5. confidence from the spread of the aggregated costs, occlusion maps from the disparity.
+4. the cheapest candidate, to a fraction of the spacing by a parabola through its neighbours;
+5. refinement by planes through what all views, weighted by visibility and texture, say near it;
+6. confidence from the spread of the aggregated costs, occlusion maps from the disparity.
 """
 
 from __future__ import annotations
@@ -29,17 +31,26 @@ from occjax.ops import (
     refine_disparity,
     semi_global,
 )
+from occjax.ops.noise import noise_level
+
+WHITE = 0.8
+"""Grey of the 99th percentile of the centre view while views are compared."""
 
 
 @dataclass(frozen=True)
 class PhotometricConfig:
-    """Settings of :func:`photometric`; the defaults suit images in [0, 1] of any scene.
+    """Settings of :func:`photometric`; the defaults suit images of any scene and exposure.
+
+    Grey is measured so that the 99th percentile of the centre view is 0.8, as in a picture that is
+    well exposed between 0 and 1.
 
     Attributes:
-        grey_truncation: Grey difference that counts as "something else", in [0, 1].
+        grey_truncation: Grey difference that counts as "something else".
         gradient_truncation: The same for a derivative of the grey image, per pixel.
         smoothness: Cost of a disparity that changes by one pixel per view step from pixel to pixel.
         jump: Greatest cost of a depth edge, where the image has none.
+        darkness: Grey up to which a part of the centre view along its sides counts as vignetted, as
+            the corners of plenoptic cameras: it says nothing, its surroundings decide.
         edge: Grey difference between neighbouring pixels over which a depth edge becomes cheaper by
             a factor e.
         temperature: Difference of aggregated cost over which a candidate becomes less probable by a
@@ -52,6 +63,7 @@ class PhotometricConfig:
     gradient_truncation: float = 0.004
     smoothness: float = 0.6
     jump: float = 2.0
+    darkness: float = 0.01
     edge: float = 0.03
     temperature: float = 0.1
     refinement_steps: int = 3
@@ -89,7 +101,8 @@ def photometric(
     of at least two views; more views and more texture make it more accurate.
 
     Args:
-        views: ``[v, u, h, w, c]`` views in [0, 1], grey or RGB.
+        views: ``[v, u, h, w, c]`` views in [0, 1], grey or RGB, at least 3x3 pixels. Disparity and
+            confidence do not depend on the unit of brightness; the occlusion maps are in it.
         candidates: ``[d]`` increasing, evenly spaced disparities to search, pixels per view step; a
             spacing of an eighth of a pixel is enough.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
@@ -100,7 +113,8 @@ def photometric(
         Disparity, its confidence and standard deviation, and the occlusion maps.
 
     Raises:
-        InputError: For a single view, or fewer than three candidates.
+        InputError: For a single view, images smaller than 3x3 pixels, or fewer than three
+            candidates.
 
     Example:
         >>> texture = jax.random.uniform(jax.random.key(0), (1, 3, 16, 24, 1))
@@ -111,16 +125,26 @@ def photometric(
     """
     if len(candidates) < 3:
         raise InputError(f"photometric searches at least 3 candidates, not {len(candidates)}")
+    v, u, h, w, _ = views.shape
+    if min(h, w) < 3:
+        raise InputError(f"photometric needs images of at least 3x3 pixels (h x w), not {h}x{w}")
     dtype = jnp.float64 if views.dtype == jnp.float64 else jnp.float32
     views, candidates = views.astype(dtype), candidates.astype(dtype)
-    grey = _grey(views)
-    v, u = grey.shape[:2]
+    original = _grey(views)
+    grey = original * (WHITE / _white(original[v // 2, u // 2]))
     centre = grey[v // 2, u // 2]
     truncation = jnp.array(
         [config.grey_truncation, config.gradient_truncation, config.gradient_truncation], dtype
     )
     features = _grey_and_gradients(grey)
-    costs = aperture_costs(features, candidates, truncation=truncation, offsets=offsets)
+    # A central difference, half of that of two pixels, has half the variance.
+    noise = noise_level(grey, candidates, offsets=offsets) * jnp.sqrt(
+        jnp.array([1, 0.5, 0.5], dtype)
+    )
+    costs = aperture_costs(
+        features, candidates, truncation=truncation, noise=noise, offsets=offsets
+    )
+    costs = jnp.where(_vignetted(centre, config.darkness), 0.0, costs)
     spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
     costs = semi_global(
         costs,
@@ -142,7 +166,7 @@ def photometric(
     disparity = jnp.clip(disparity, candidates[0], candidates[-1])
     probabilities = jax.nn.softmax(-costs / config.temperature, axis=0)
     spread = confidence(probabilities, candidates)
-    occlusion = occlusion_maps(grey[..., None], disparity, offsets=offsets)
+    occlusion = occlusion_maps(original[..., None], disparity, offsets=offsets)
     certainty = spread.certainty(len(candidates))
     return PhotometricResult(disparity, certainty, spread.standard_deviation, occlusion, coarse)
 
@@ -175,6 +199,26 @@ def _grey(views: Array) -> Array:
     if views.shape[-1] == 1:
         return views[..., 0]
     return jnp.tensordot(views, jnp.array(GREY_WEIGHTS, views.dtype), 1, precision="highest")
+
+
+def _white(centre: Array) -> Array:
+    """What counts as white: the 99th percentile of grey, unless nearly all of the view is black."""
+    return jnp.maximum(jnp.maximum(jnp.quantile(centre, 0.99), centre.max() / 100), 1e-9)
+
+
+def _vignetted(centre: Array, darkness: float) -> Array:
+    """``[h, w]`` where all is dark up to a side of the image.
+
+    Dark objects within the image do not count: their outline tells their disparity, while that of a
+    vignette is no part of the scene.
+    """
+    dark = (centre <= darkness).astype(jnp.int32)
+    to_sides = [
+        jax.lax.cummin(dark, axis=axis, reverse=reverse)
+        for axis in (0, 1)
+        for reverse in (False, True)
+    ]
+    return jnp.stack(to_sides).max(0) > 0
 
 
 def _grey_and_gradients(grey: Array) -> Array:
