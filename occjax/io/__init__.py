@@ -6,11 +6,13 @@ from occjax.io.checking import OrientationReport, check
 from occjax.io.images import read_image
 from occjax.io.loading import Layout, OrientationWarning, load
 from occjax.io.mosaics import join_macpi, join_tiles, split_macpi, split_tiles
+from occjax.io.naming import GridWarning
 from occjax.io.orientation import ORIENTATIONS, Orientation
 from occjax.io.pfm import read_pfm, write_pfm
 
 __all__ = [
     "ORIENTATIONS",
+    "GridWarning",
     "Layout",
     "Orientation",
     "OrientationReport",

@@ -157,7 +157,10 @@ def _choose(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.nd
     wanted = key or "views"
     if wanted not in arrays:
         names = ", ".join(name for name in arrays if name) or "none"
-        raise InputError(f"{path}: has no array {wanted!r} (it has: {names}); pass key='...'")
+        example = next((name for name in arrays if name), "NAME")
+        raise InputError(
+            f"{path}: has no array {wanted!r} (it has: {names}); pass key (--key {example})"
+        )
     return arrays[wanted]
 
 

@@ -14,7 +14,7 @@ from occjax.io.arrays import check_ground_truth, check_views, read_npy
 from occjax.io.files import reading
 from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import HciConfig, read_hci_config
-from occjax.io.images import read_image
+from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.naming import FolderLayout, NamedViews, find_views
 from occjax.io.pfm import read_pfm
 from occjax.lightfield import LightField
@@ -60,7 +60,7 @@ def read_folder(
     )
     positions = None
     if layout == "stanford":
-        named, positions = gantry_grid(named)
+        named, positions = gantry_grid(str(folder), named)
     views = _read_views(folder, named, progress)
     return LightField(
         views=views,
@@ -74,11 +74,26 @@ def read_folder(
 
 
 def _names(folder: Path, *, nested: bool) -> list[str]:
-    """Files in the folder, or below it, by their path within it."""
+    """Files in the folder, or below it, by their path within it; hidden ones are left out."""
     with reading(folder):
-        if not nested:
-            return [entry.name for entry in os.scandir(folder) if entry.is_file()]
-        return [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+        if nested:
+            below = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
+            visible = [path for path in below if not any(p.startswith(".") for p in path.parts)]
+            return [path.as_posix() for path in visible]
+        entries = [entry for entry in os.scandir(folder) if not entry.name.startswith(".")]
+        files = [entry.name for entry in entries if entry.is_file()]
+        folders = sorted(entry.name for entry in entries if entry.is_dir())
+    for entry in entries:
+        if entry.name not in files and entry.name.lower().endswith(IMAGE_SUFFIXES):
+            what = "a folder" if entry.is_dir() else "a link to a file that is not there"
+            raise InputError(f"{entry.path}: is {what}, not an image; replace or remove it")
+    if folders and not any(name.lower().endswith(IMAGE_SUFFIXES) for name in files):
+        some = ", ".join(folders[:4]) + (", ..." if len(folders) > 4 else "")
+        raise InputError(
+            f"{folder}: has no images; it has folders: {some}; name one of them, or pass pattern "
+            "(--pattern 'row{v}/c{u}.png')"
+        )
+    return files
 
 
 def _config(folder: Path) -> HciConfig | None:

@@ -11,19 +11,24 @@ from __future__ import annotations
 
 import numpy as np
 
+from occjax.errors import InputError
 from occjax.io.naming import NamedViews
 
 
-def gantry_grid(named: NamedViews) -> tuple[NamedViews, np.ndarray]:
+def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]:
     """Order gantry views top to bottom and left to right, and give their positions.
 
     Args:
+        folder: Name of the folder, for messages.
         named: Views whose names match with ``y``, ``x`` and ``tail``.
 
     Returns:
         The views in the order of the library, and their positions ``[V, U, 2]`` float32
         ``(row, column)`` relative to the centre view, in steps of the mean spacing of neighbours
         (one unit for both axes, as disparity has).
+
+    Raises:
+        InputError: If neighbouring cameras stand at the same place.
     """
     rows, columns = named.grid
     positions = np.empty((rows, columns, 2))
@@ -37,13 +42,17 @@ def gantry_grid(named: NamedViews) -> tuple[NamedViews, np.ndarray]:
     if columns > 1 and positions[:, -1, 1].mean() < positions[:, 0, 1].mean():
         positions = positions[:, ::-1]
         matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
-    relative = (positions - positions[rows // 2, columns // 2]) / _spacing(positions)
+    relative = (positions - positions[rows // 2, columns // 2]) / _spacing(folder, positions)
     return NamedViews(named.grid, matches), relative.astype(np.float32)
 
 
-def _spacing(positions: np.ndarray) -> float:
+def _spacing(folder: str, positions: np.ndarray) -> float:
     """Mean distance of neighbours along rows and along columns; 1 where there are none."""
     steps = [np.diff(positions[..., axis], axis=axis) for axis in (0, 1)]
-    present = [step.mean() for step in steps if step.size]
-    spacing = float(np.mean(present)) if present else 1.0
-    return spacing if spacing > 0.0 else 1.0
+    present = [float(step.mean()) for step in steps if step.size]
+    if 0.0 in present:
+        raise InputError(
+            f"{folder}: by the file names, cameras of several rows or columns stand at the same "
+            "place; correct the positions, or name the views by row and column alone"
+        )
+    return float(np.mean(present)) if present else 1.0

@@ -17,6 +17,12 @@ from occjax.io.files import reading
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """File name endings that are taken for images, in lower case."""
 
+OTHER_SUFFIXES = (
+    *(".webp", ".gif", ".avif", ".heic", ".heif", ".jp2", ".exr", ".hdr"),
+    *(".ppm", ".pgm", ".tga", ".dng", ".raw"),
+)
+"""File name endings of images that are not read."""
+
 _DECODING_ERRORS = (
     OSError,
     ValueError,

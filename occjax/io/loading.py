@@ -13,7 +13,7 @@ from occjax.io.checking import check
 from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
 from occjax.io.hdf5 import read_hdf5
-from occjax.io.images import IMAGE_SUFFIXES
+from occjax.io.images import IMAGE_SUFFIXES, OTHER_SUFFIXES
 from occjax.io.mosaics import read_mosaic
 from occjax.io.naming import FolderLayout
 from occjax.io.orientation import Orientation, declaration, declared_orientation
@@ -65,7 +65,8 @@ def load(
         InputError: If it cannot be read; the message names the file and the cure.
 
     Warns:
-        OrientationWarning: If another order or flip is clearly right.
+        OrientationWarning: If another order or flip is clearly right, or none is.
+        GridWarning: If the grid is guessed from the number of views.
 
     Example:
         >>> import tempfile, numpy as np
@@ -83,7 +84,7 @@ def load(
     if grid is not None and stored.grid != tuple(grid):
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
-            "pass its grid or leave it out"
+            f"pass grid (--grid {stored.grid[0]} {stored.grid[1]}) or leave it out"
         )
     light_field = declared.apply(stored) if declared != Orientation() else stored
     if name is not None:
@@ -112,11 +113,11 @@ def _read(
     """The light field as stored, by the reader that its layout or suffix asks for."""
     if path.is_dir():
         if layout in ("tiled", "macpi", "array", "hdf5"):
-            raise InputError(f"{path}: is a folder, but layout={layout!r} is a file; name the file")
+            raise InputError(f"{path}: is a folder, but layout {layout!r} is a file; name the file")
         in_folder = cast(FolderLayout | None, layout)
         return read_folder(path, layout=in_folder, pattern=pattern, grid=grid, progress=progress)
     if pattern is not None or layout in ("hci", "lytro", "urbanlf", "stanford"):
-        option = f"layout={layout!r}" if pattern is None else f"pattern={pattern!r}"
+        option = f"layout {layout!r}" if pattern is None else f"pattern {pattern!r}"
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
     suffix = path.suffix.lower()
     if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
@@ -126,6 +127,8 @@ def _read(
     if layout in ("tiled", "macpi") or (layout is None and suffix in IMAGE_SUFFIXES):
         views = read_mosaic(path, grid, layout if layout in ("tiled", "macpi") else None)
         return LightField(views=views, name=path.stem, source=path)
+    if suffix in OTHER_SUFFIXES:
+        raise InputError(f"{path}: {suffix} images are not read; convert it to PNG")
     raise InputError(
         f"{path}: unknown kind of file; give a folder of views, an image ("
         f"{', '.join(IMAGE_SUFFIXES)}), .npz, .npy, .h5 or .hdf5"

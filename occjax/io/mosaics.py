@@ -37,21 +37,20 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
             be told.
     """
     if grid is None:
-        raise InputError(
-            f"{path}: one image of all views needs its grid; pass grid=(rows, columns)"
-        )
+        raise InputError(f"{path}: one image of all views needs its grid; pass grid (--grid V U)")
     image = read_image(path)
     rows, columns = grid
     height, width = image.shape[:2]
     if height % rows or width % columns:
         raise InputError(
             f"{path}: {height}x{width} pixels are not a multiple of the {rows}x{columns} grid; "
-            "pass the right grid=(rows, columns) or crop the image"
+            "pass the right grid (--grid V U) or crop the image"
         )
     kind = kind or detect_mosaic(image, grid)
     if kind is None:
         raise InputError(
-            f"{path}: cannot tell tiled views from a MacPI image; pass layout='tiled' or 'macpi'"
+            f"{path}: cannot tell tiled views from a MacPI image; "
+            "pass layout (--layout tiled, or macpi)"
         )
     return split_tiles(image, grid) if kind == "tiled" else split_macpi(image, grid)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from occjax.errors import InputError
-from occjax.io.images import IMAGE_SUFFIXES
+from occjax.io.images import IMAGE_SUFFIXES, OTHER_SUFFIXES
 
 FolderLayout = Literal["hci", "lytro", "urbanlf", "stanford"]
 
@@ -18,7 +19,10 @@ _NUMBER = r"-?\d+(?:\.\d+)?"
 
 NAMES: Mapping[FolderLayout, re.Pattern[str]] = {
     "hci": re.compile(rf"input_Cam(?P<i>\d+){_SUFFIX}", re.IGNORECASE),
-    "lytro": re.compile(rf"(?P<scene>.+)_(?P<v>\d\d)_(?P<u>\d\d){_SUFFIX}", re.IGNORECASE),
+    "lytro": re.compile(
+        rf"(?!out_\d+_\d+_-?\d)(?P<scene>.+)_(?P<v>\d{{1,3}})_(?P<u>\d{{1,3}}){_SUFFIX}",
+        re.IGNORECASE,
+    ),
     "urbanlf": re.compile(rf"(?P<v>\d{{1,2}})_(?P<u>\d{{1,2}}){_SUFFIX}", re.IGNORECASE),
     "stanford": re.compile(
         rf"out_(?P<v>\d+)_(?P<u>\d+)_(?P<y>{_NUMBER})_(?P<x>{_NUMBER})(?P<tail>_?){_SUFFIX}",
@@ -34,6 +38,13 @@ EXAMPLES: Mapping[FolderLayout, str] = {
     "stanford": "out_00_00_-780.13_-3355.33_.png",
 }
 """A name of each layout, for messages."""
+
+USUAL_COUNT = 81
+"""Number of views of the benchmarks, which are 9x9 without saying so."""
+
+
+class GridWarning(UserWarning):
+    """The grid of views is a guess from their number."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +105,9 @@ def find_views(
 
     Raises:
         InputError: If no layout or more than one fits, or views are missing.
+
+    Warns:
+        GridWarning: If the grid is guessed from the number of views.
     """
     names = sorted(names)
     if pattern is not None:
@@ -129,15 +143,21 @@ def _only_layout(folder: str, names: list[str]) -> FolderLayout:
     if len(fitting) > 1:
         raise InputError(
             f"{folder}: has files of several layouts ({', '.join(fitting)}); "
-            f"pass layout={fitting[0]!r} or another of them"
+            f"pass layout (--layout {fitting[0]}, or another of them)"
         )
     if not fitting:
         images = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
+        other = [name for name in names if name.lower().endswith(OTHER_SUFFIXES)]
+        if not images and other:
+            raise InputError(
+                f"{folder}: has images of a kind that is not read ({_some(other)}); "
+                "convert them to PNG"
+            )
         if not images:
             raise InputError(f"{folder}: has no images{_what_is_there(names)}")
         raise InputError(
             f"{folder}: does not name its views in a known way{_what_is_there(images)}; "
-            "pass a pattern such as 'view_{v}_{u}.png' or 'view_{i}.png'"
+            "pass pattern (--pattern 'view_{v}_{u}.png', or 'view_{i}.png')"
         )
     return fitting[0]
 
@@ -145,25 +165,38 @@ def _only_layout(folder: str, names: list[str]) -> FolderLayout:
 def _numbered(
     folder: str, matches: list[re.Match[str]], grid: tuple[int, int] | None
 ) -> NamedViews:
-    """Views numbered row by row, from 0 or 1."""
+    """Views numbered row by row, from 0 or 1, or from any number if none is missing."""
     by_number = _unique(folder, {match: int(match["i"]) for match in matches})
-    first = 0 if 0 in by_number or min(by_number) > 1 else 1
-    count = max(by_number) - first + 1
+    lowest, highest = min(by_number), max(by_number)
+    side = math.isqrt(len(by_number))
+    wanted = side * side if grid is None else grid[0] * grid[1]
+    whole = highest - lowest + 1 == len(by_number) == wanted
+    first = lowest if whole or lowest == 1 else 0
+    count = highest - first + 1
     if grid is None:
         side = math.isqrt(count)
         if side * side != count:
             raise InputError(
-                f"{folder}: {count} views up to {by_number[max(by_number)].string!r} form no "
-                "square; add the missing ones or pass grid=(rows, columns)"
+                f"{folder}: {count} views up to {by_number[highest].string!r} form no square; "
+                "add the missing ones or pass grid (--grid V U)"
             )
         grid = (side, side)
+        if whole and count not in (1, USUAL_COUNT):
+            warnings.warn(
+                f"{folder}: {count} views taken as {side}x{side}; "
+                "pass grid (--grid V U) if they are not",
+                GridWarning,
+                stacklevel=2,
+            )
     rows, columns = grid
     sample = matches[0]
     missing = [n for n in range(first, first + rows * columns) if n not in by_number]
     _refuse_missing(folder, grid, [_renamed(sample, {"i": n}) for n in missing])
     if count > rows * columns:
-        extra = by_number[max(by_number)].string
-        raise InputError(f"{folder}: {extra!r} is beyond the {rows}x{columns} grid; pass its grid")
+        raise InputError(
+            f"{folder}: {by_number[highest].string!r} is beyond the {rows}x{columns} grid; "
+            "pass the right grid (--grid V U)"
+        )
     return NamedViews(grid, {divmod(n - first, columns): match for n, match in by_number.items()})
 
 
@@ -176,7 +209,8 @@ def _placed(folder: str, matches: list[re.Match[str]], grid: tuple[int, int] | N
     grid = grid or found
     if found[0] > grid[0] or found[1] > grid[1]:
         raise InputError(
-            f"{folder}: has {found[0]}x{found[1]} views, not {grid[0]}x{grid[1]}; pass its grid"
+            f"{folder}: has {found[0]}x{found[1]} views, not {grid[0]}x{grid[1]}; "
+            f"pass grid (--grid {found[0]} {found[1]})"
         )
     wanted = [(first_v + v, first_u + u) for v in range(grid[0]) for u in range(grid[1])]
     missing = [place for place in wanted if place not in places]
@@ -211,10 +245,10 @@ def _renamed(sample: re.Match[str], numbers: dict[str, int]) -> str:
 def _refuse_missing(folder: str, grid: tuple[int, int], missing: list[str]) -> None:
     """Name the views that are not there."""
     if missing:
-        views = "view is" if len(missing) == 1 else "views are"
+        are, them = ("is", "it") if len(missing) == 1 else ("are", "them")
         raise InputError(
-            f"{folder}: {len(missing)} of the {grid[0]}x{grid[1]} {views} missing "
-            f"({_some(missing)}); add them or pass the right grid=(rows, columns)"
+            f"{folder}: {len(missing)} of the {grid[0]}x{grid[1]} views {are} missing "
+            f"({_some(missing)}); add {them} or pass the right grid (--grid V U)"
         )
 
 

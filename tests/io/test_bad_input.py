@@ -45,17 +45,22 @@ class BadFolder:
         folder = self.views_folder()
         (folder / hci(1, 1)).unlink()
         (folder / hci(0, 2)).unlink()
-        return folder, {}, ["boxes", "input_Cam002.png, input_Cam004.png", "2 of the 3x3"]
+        said = "2 of the 3x3 views are missing (input_Cam002.png, input_Cam004.png); add them"
+        return folder, {}, [said]
+            folder,
+            {},
+            ["2 of the 3x3 views are missing (input_Cam002.png, input_Cam004.png); add them"],
+        )
 
     def missing_last_view(self):
         folder = self.views_folder()
         (folder / hci(2, 2)).unlink()
-        return folder, {}, ["boxes", "8 views", "input_Cam007.png", "grid="]
+        return folder, {}, ["boxes", "8 views", "input_Cam007.png", "--grid"]
 
     def missing_view_of_a_placed_grid(self):
         save_views(self.path / "lytro", self.views, lambda v, u: f"x_{v + 1:02d}_{u + 1:02d}.png")
         (self.path / "lytro/x_02_03.png").unlink()
-        return self.path / "lytro", {}, ["lytro", "x_02_03.png"]
+        return self.path / "lytro", {}, ["1 of the 3x3 views is missing (x_02_03.png); add it"]
 
     def missing_gantry_view(self):
         save_views(self.path, self.views, lambda v, u: f"out_{v:02d}_{u:02d}_{v}.0_{u}.0_.png")
@@ -71,7 +76,7 @@ class BadFolder:
     def several_layouts(self):
         folder = self.views_folder()
         save_views(folder, self.views, lambda v, u: f"{v}_{u}.png")
-        return folder, {}, ["boxes", "hci, urbanlf", "layout="]
+        return folder, {}, ["boxes", "hci, urbanlf", "--layout hci"]
 
     def several_scenes(self):
         for scene in "ab":
@@ -158,6 +163,40 @@ class BadFolder:
     def grid_of_nothing(self):
         return self.views_folder(), {"grid": (0, 3)}, ["grid is (0, 3)"]
 
+    def folder_of_folders(self):
+        save_views(self.path / "scenes/2067", self.views, hci)
+        (self.path / "scenes/notes.txt").touch()
+        return self.path / "scenes", {}, ["no images", "folders: 2067;", "--pattern"]
+
+    def folder_of_images_of_another_kind(self):
+        for i in range(9):
+            (self.path / f"input_Cam{i:03d}.webp").touch()
+        return self.path, {}, ["input_Cam000.webp", "convert them to PNG"]
+
+    def image_of_another_kind(self):
+        (self.path / "all.gif").touch()
+        return self.path / "all.gif", {"grid": (3, 3)}, ["all.gif", "convert it to PNG"]
+
+    def link_to_nothing(self):
+        folder = self.views_folder()
+        (folder / hci(1, 1)).unlink()
+        (folder / hci(1, 1)).symlink_to(self.path / "gone.png")
+        return folder, {}, [hci(1, 1), "is a link to a file that is not there"]
+
+    def folder_named_like_a_view(self):
+        folder = self.views_folder()
+        (folder / hci(1, 1)).unlink()
+        (folder / hci(1, 1)).mkdir()
+        return folder, {}, [hci(1, 1), "is a folder, not an image"]
+
+    def gantry_that_stands_still(self):
+        save_views(self.path, self.views, lambda v, u: f"out_{v:02d}_{u:02d}_5.0_7.0_.png")
+        return self.path, {}, [str(self.path), "stand at the same place"]
+
+    def gantry_that_moves_along_one_axis(self):
+        save_views(self.path, self.views, lambda v, u: f"out_{v:02d}_{u:02d}_{v}.0_7.0_.png")
+        return self.path, {}, [str(self.path), "stand at the same place"]
+
     def unknown_order(self):
         return self.views_folder(), {"order": "rows"}, ["'rows'", "'uv'"]
 
@@ -170,14 +209,14 @@ class BadFolder:
         return self.path / name
 
     def mosaic_without_grid(self):
-        return self.image(), {}, ["all.png", "grid="]
+        return self.image(), {}, ["all.png", "--grid"]
 
     def mosaic_that_the_grid_does_not_divide(self):
         return self.image(), {"grid": (3, 3)}, ["all.png", "20x24", "3x3"]
 
     def mosaic_without_texture(self):
         Image.fromarray(np.zeros((20, 20), np.uint8)).save(self.path / "all.png")
-        return self.path / "all.png", {"grid": (2, 2)}, ["all.png", "layout='tiled'"]
+        return self.path / "all.png", {"grid": (2, 2)}, ["all.png", "--layout tiled"]
 
     def folder_layout_for_a_file(self):
         return self.image(), {"layout": "hci"}, ["all.png", "is a file"]
@@ -188,7 +227,7 @@ class BadFolder:
 
     def npz_without_views(self):
         path = self.array(a=self.views, b=self.views)
-        return path, {}, ["scene.npz", "'views'", "a, b", "key="]
+        return path, {}, ["scene.npz", "'views'", "a, b", "--key a"]
 
     def npz_without_the_key(self):
         return self.array(a=self.views), {"key": "b"}, ["scene.npz", "'b'"]
@@ -266,6 +305,8 @@ class BadFolder:
             file["model_weights"] = 1.0
         return self.path / "scene.h5", {}, ["scene.h5", "'LF'", "model_weights"]
 
+
+pytestmark = pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
 
 FAULTS = [
     name

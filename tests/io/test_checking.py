@@ -173,6 +173,11 @@ def test_one_view_has_nothing_to_check():
         check(LightField(np.zeros((1, 1, 8, 8, 1), np.uint8)))
 
 
+def test_positions_that_are_all_the_same_are_refused(scene):
+    with pytest.raises(InputError, match="positions are the same"):
+        check(LightField(scene.views, positions=np.zeros((5, 5, 2), np.float32)))
+
+
 @pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
 def test_real_light_fields_are_recognised_in_all_eight_layouts(shared, scene):
     light_field = load(shared / "data" / scene, check_orientation=False)

@@ -4,12 +4,23 @@ import warnings
 import h5py
 import numpy as np
 import pytest
+from PIL import Image
 
 from occjax.errors import InputError
-from occjax.io import Orientation, OrientationWarning, load, read_arrays, write_arrays, write_pfm
+from occjax.io import (
+    GridWarning,
+    Orientation,
+    OrientationWarning,
+    load,
+    read_arrays,
+    write_arrays,
+    write_pfm,
+)
 from occjax.lightfield import LightField
 from tests.io.files import CONFIG, hci, save_views
 from tests.io.scenes import texture, two_planes
+
+pytestmark = pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +55,11 @@ def test_hci_folder(tmp_path, views):
     [
         (hci, {}),
         (lambda v, u: f"flower_7_{v + 1:02d}_{u + 1:02d}.png", {}),
+        (lambda v, u: f"flower_{v + 1}_{u + 1}.png", {}),
+        (lambda v, u: f"flower_{v + 1:03d}_{u + 1:03d}.png", {}),
+        (lambda v, u: f"input_Cam{3 * v + u + 36:03d}.png", {}),
+        (lambda v, u: f"view_{3 * v + u + 7}.png", {"pattern": "view_{i}.png"}),
+        (lambda v, u: f"view_{3 * v + u + 7}.png", {"pattern": "view_{i}.png", "grid": (3, 3)}),
         (lambda v, u: f"{v + 1}_{u + 1}.png", {}),
         (lambda v, u: f"view-{v + 4}-{u}.tif", {"pattern": "view-{v}-{u}.tif"}),
         (lambda v, u: f"{u}.{v}.png", {"pattern": "{u}.{v}.png"}),
@@ -54,6 +70,35 @@ def test_hci_folder(tmp_path, views):
 def test_folders_of_views_by_their_names(tmp_path, views, name, options):
     folder = save_views(tmp_path / "scene", views, name)
     np.testing.assert_array_equal(quietly(folder, **options).views, views)
+
+
+@pytest.mark.filterwarnings("error::occjax.io.GridWarning")
+def test_a_grid_guessed_from_the_number_of_views_is_announced(tmp_path, views):
+    folder = save_views(tmp_path / "boxes", views, hci)
+    with pytest.warns(GridWarning, match=r"boxes: 9 views taken as 3x3; pass grid \(--grid V U\)"):
+        quietly(folder)
+    assert quietly(folder, grid=(1, 9)).grid == (1, 9)
+    (folder / "parameters.cfg").write_text(CONFIG)
+    assert quietly(folder).grid == (3, 3)
+
+
+@pytest.mark.filterwarnings("error::occjax.io.GridWarning")
+def test_81_views_are_9x9_without_a_word(tmp_path, views):
+    names = [f"input_Cam{i:03d}.png" for i in range(81)]
+    for name in names:
+        Image.fromarray(views[0, 0]).save(tmp_path / name)
+    assert quietly(tmp_path).grid == (9, 9)
+    for name in names[64:]:
+        (tmp_path / name).unlink()
+    with pytest.warns(GridWarning, match="64 views taken as 8x8"):
+        quietly(tmp_path)
+
+
+def test_hidden_files_are_no_views(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"sc_{v + 1:02d}_{u + 1:02d}.png")
+    for path in list(folder.iterdir()):
+        (folder / f"._{path.name}").write_bytes(b"resource fork")
+    np.testing.assert_array_equal(quietly(folder).views, views)
 
 
 def test_numbered_views_need_not_form_a_square(tmp_path, views):
