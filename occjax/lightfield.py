@@ -24,6 +24,9 @@ from occjax.errors import InputError
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the grey image (ITU-R BT.601)."""
 
+SMALLEST = 3
+"""Pixels that a view read from files has in each direction, at least."""
+
 
 @dataclass(frozen=True)
 class Calibration:

@@ -25,11 +25,14 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
         path: File with views ``[V, U, H, W]`` or ``[V, U, H, W, C]``: uint8, uint16, or floating
             point in [0, 1]; a fourth channel (alpha) is dropped. An ``.npz`` keeps them under
             ``views`` or as its only array, and may have ``ground_truth`` ``[H, W]``,
-            ``disparity_range`` ``[2]`` and ``positions`` ``[V, U, 2]`` beside ``views``.
-        key: Name of the views in the ``.npz``, if another.
+            ``disparity_range`` ``[2]`` and ``positions`` ``[V, U, 2]`` beside ``views``, in upper
+            or lower case.
+        key: Name of the views in the ``.npz``, if another. Further arrays may then be there; they
+            are not read.
 
     Raises:
-        InputError: If the file cannot be read or its values are no light field.
+        InputError: If the file cannot be read, has arrays of unknown names, or its values are no
+            light field.
 
     Example:
         >>> import tempfile
@@ -41,8 +44,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
     path = Path(path)
     arrays = _arrays(path)
     views = check_views(path, _choose(path, arrays, key))
-    with_views = arrays if key or "views" in arrays else {}
-    extras: dict[str, Any] = {name: with_views[name] for name in EXTRAS if name in with_views}
+    extras = _extras(path, arrays, key)
     if "ground_truth" in extras:
         extras["ground_truth"] = check_ground_truth(path, extras["ground_truth"], views.shape[2:4])
     if "disparity_range" in extras:
@@ -54,7 +56,10 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
                 f"{path}: positions are {list(extras['positions'].shape)}, not [V, U, 2]; "
                 "write one (row, column) for each view"
             )
-        extras["positions"] = extras["positions"].astype(np.float32)
+        positions = extras["positions"] = extras["positions"].astype(np.float32)
+        several = positions.shape[0] * positions.shape[1] > 1
+        if not np.isfinite(positions).all() or (several and not np.ptp(positions, (0, 1)).any()):
+            raise InputError(f"{path}: positions are all the same or not finite; correct them")
     return LightField(views=views, name=path.stem, source=path, **extras)
 
 
@@ -90,6 +95,12 @@ def check_views(path: Path, views: np.ndarray) -> np.ndarray:
         raise InputError(
             f"{path}: views are {list(views.shape)}; reorder them to [V, U, H, W] or "
             "[V, U, H, W, C] with 1 or 3 channels"
+        )
+    v, u, h, w = views.shape[:4]
+    if v > h and u > w:
+        raise InputError(
+            f"{path}: views are {list(views.shape)}, which looks like [H, W, V, U...]; "
+            "transpose it to [V, U, H, W...]"
         )
     views = views[..., : 1 if views.shape[-1] < 3 else 3]
     if views.dtype in (np.uint8, np.uint16):
@@ -140,6 +151,11 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         try:
             loaded = np.load(file, allow_pickle=False)
             return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+        except MemoryError as error:
+            raise InputError(
+                f"{path}: its header asks for more memory than there is; save the array again, or "
+                "cut the light field into smaller ones"
+            ) from error
         except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             if "Object arrays" in str(error):
                 raise InputError(
@@ -155,13 +171,37 @@ def _choose(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.nd
     if key is None and len(arrays) == 1:
         return next(iter(arrays.values()))
     wanted = key or "views"
-    if wanted not in arrays:
+    named = {wanted: arrays[wanted]} if wanted in arrays else _lower(path, arrays)
+    if wanted not in named:
         names = ", ".join(name for name in arrays if name) or "none"
         example = next((name for name in arrays if name), "NAME")
         raise InputError(
             f"{path}: has no array {wanted!r} (it has: {names}); pass key (--key {example})"
         )
-    return arrays[wanted]
+    return named[wanted]
+
+
+def _extras(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> dict[str, Any]:
+    """What is known about the views beside them; refuses what is not understood."""
+    if key is None and len(arrays) == 1:
+        return {}
+    views = "views" if key is None else key.lower()
+    named = _lower(path, arrays)
+    unknown = [name for name in arrays if name.lower() not in (views, *EXTRAS)]
+    if unknown and key is None:
+        raise InputError(
+            f"{path}: has unknown keys ({', '.join(unknown)}); known are views, "
+            f"{', '.join(EXTRAS)}; rename or remove the others, or pass key (--key views)"
+        )
+    return {name: named[name] for name in EXTRAS if name in named}
+
+
+def _lower(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays by their names in lower case."""
+    lower = {name.lower(): array for name, array in arrays.items()}
+    if len(lower) < len(arrays):
+        raise InputError(f"{path}: has keys that differ in case alone; remove one of them")
+    return lower
 
 
 def _pair(path: Path, values: np.ndarray) -> tuple[float, float]:

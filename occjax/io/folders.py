@@ -62,6 +62,8 @@ def read_folder(
     if layout == "stanford":
         named, positions = gantry_grid(str(folder), named)
     views = _read_views(folder, named, progress)
+    if config and config.disparity_range:
+        _check_range(folder, config.disparity_range, max(views.shape[2:4]))
     return LightField(
         views=views,
         name=folder.resolve().name,
@@ -102,6 +104,16 @@ def _config(folder: Path) -> HciConfig | None:
     with reading(folder):
         present = path.is_file()
     return read_hci_config(path) if present else None
+
+
+def _check_range(folder: Path, disparity_range: tuple[float, float], size: int) -> None:
+    """Neighbouring views that move by more than their size have nothing in common."""
+    if max(map(abs, disparity_range)) > size:
+        low, high = disparity_range
+        raise InputError(
+            f"{folder / 'parameters.cfg'}: disparities of {low:g} to {high:g} pixels are more than "
+            f"the views have ({size}); correct disp_min and disp_max in [meta]"
+        )
 
 
 def _read_views(folder: Path, named: NamedViews, progress: Progress | None) -> np.ndarray:

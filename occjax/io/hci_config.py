@@ -34,7 +34,7 @@ def read_hci_config(path: str | Path) -> HciConfig:
         path: File with the sections ``intrinsics``, ``extrinsics`` and ``meta``.
 
     Raises:
-        InputError: If the file cannot be read, or lacks a camera parameter.
+        InputError: If the file cannot be read, lacks a camera parameter, or has an impossible one.
 
     Example:
         >>> import tempfile
@@ -70,12 +70,17 @@ def read_hci_config(path: str | Path) -> HciConfig:
     )
     lowest = _number(path, parser, "meta", "disp_min")
     highest = _number(path, parser, "meta", "disp_max")
-    rows = _number(path, parser, "extrinsics", "num_cams_y")
-    columns = _number(path, parser, "extrinsics", "num_cams_x")
+    if lowest is not None and highest is not None and not lowest < highest:
+        raise InputError(
+            f"{path}: disp_min is {lowest:g} and disp_max is {highest:g} in [meta]; "
+            "disp_min must be the lower one"
+        )
+    rows = _count(path, parser, "num_cams_y")
+    columns = _count(path, parser, "num_cams_x")
     return HciConfig(
         calibration=calibration,
         disparity_range=None if lowest is None or highest is None else (lowest, highest),
-        grid=None if rows is None or columns is None else (int(rows), int(columns)),
+        grid=None if rows is None or columns is None else (rows, columns),
     )
 
 
@@ -87,6 +92,16 @@ def _required(path: Path, parser: configparser.ConfigParser, section: str, field
     if number <= 0.0:
         raise InputError(f"{path}: {field} in [{section}] is {number}; it must be positive")
     return number
+
+
+def _count(path: Path, parser: configparser.ConfigParser, field: str) -> int | None:
+    """A positive whole number of cameras, or None where the file does not have it."""
+    number = _number(path, parser, "extrinsics", field)
+    if number is not None and (number < 1 or number != int(number)):
+        raise InputError(
+            f"{path}: {field} in [extrinsics] is {number:g}; it must be a positive whole number"
+        )
+    return None if number is None else int(number)
 
 
 def _number(

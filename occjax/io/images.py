@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import struct
+import threading
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +33,6 @@ _DECODING_ERRORS = (
     EOFError,
     struct.error,
     zlib.error,
-    Image.DecompressionBombError,
     tifffile.TiffFileError,
 )
 
@@ -60,12 +62,8 @@ def read_image(path: str | Path) -> np.ndarray:
     with reading(path):
         data = path.read_bytes()
     try:
-        if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-            image = _tiff(data)
-        elif _is_deep_colour_png(data):
-            image = _deep_colour_png(data)
-        else:
-            image = _with_pillow(data)
+        with _any_size():
+            image = _decode(data)
     except _DECODING_ERRORS as error:
         reason = " ".join(str(error).split())[:120]
         if "imagecodecs" in reason:
@@ -78,6 +76,40 @@ def read_image(path: str | Path) -> np.ndarray:
             f"{path}: cannot be decoded ({reason}); write or copy the image again"
         ) from error
     return _without_alpha(path, image)
+
+
+def _decode(data: bytes) -> np.ndarray:
+    """Pixels, by the decoder that keeps all their bits."""
+    if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        return _tiff(data)
+    return _deep_colour_png(data) if _is_deep_colour_png(data) else _with_pillow(data)
+
+
+class _Readers:
+    """How many threads are decoding, and Pillow's limit on the size of images before they began."""
+
+    lock = threading.Lock()
+    count = 0
+    limit: int | None = None
+
+
+@contextmanager
+def _any_size() -> Iterator[None]:
+    """Lift Pillow's limit, which mosaics of many views exceed, while any thread is decoding.
+
+    The limit is a global of Pillow; programs that rely on it find it as it was.
+    """
+    with _Readers.lock:
+        if _Readers.count == 0:
+            _Readers.limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+        _Readers.count += 1
+    try:
+        yield
+    finally:
+        with _Readers.lock:
+            _Readers.count -= 1
+            if _Readers.count == 0:
+                Image.MAX_IMAGE_PIXELS = _Readers.limit
 
 
 def _with_pillow(data: bytes) -> np.ndarray:

@@ -17,7 +17,7 @@ from occjax.io.images import IMAGE_SUFFIXES, OTHER_SUFFIXES
 from occjax.io.mosaics import read_mosaic
 from occjax.io.naming import FolderLayout
 from occjax.io.orientation import Orientation, declaration, declared_orientation
-from occjax.lightfield import LightField
+from occjax.lightfield import SMALLEST, LightField
 
 Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "array", "hdf5"]
 """How a light field is stored; the first four are folders."""
@@ -85,6 +85,12 @@ def load(
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
             f"pass grid (--grid {stored.grid[0]} {stored.grid[1]}) or leave it out"
+        )
+    if min(stored.image_size) < SMALLEST:
+        height, width = stored.image_size
+        raise InputError(
+            f"{path}: views are {height}x{width} pixels; give views of {SMALLEST}x{SMALLEST} or "
+            "more, arrays as [V, U, H, W] or [V, U, H, W, C]"
         )
     light_field = declared.apply(stored) if declared != Orientation() else stored
     if name is not None:

@@ -14,11 +14,15 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.images import read_image
+from occjax.lightfield import SMALLEST
 
 Mosaic = Literal["tiled", "macpi"]
 
 SEAM = 1.3
 """How much larger than elsewhere brightness steps are at a seam, at least."""
+
+DARK, FEWEST_LENSES = 0.6, 400
+"""Brightness of a dark view relative to the brightest, and how many pixels a view needs to tell."""
 
 
 def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
@@ -46,6 +50,11 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
             f"{path}: {height}x{width} pixels are not a multiple of the {rows}x{columns} grid; "
             "pass the right grid (--grid V U) or crop the image"
         )
+    if height // rows < SMALLEST or width // columns < SMALLEST:
+        raise InputError(
+            f"{path}: {height}x{width} pixels leave {height // rows}x{width // columns} for each "
+            f"of {rows}x{columns} views; pass the right grid (--grid V U)"
+        )
     kind = kind or detect_mosaic(image, grid)
     if kind is None:
         raise InputError(
@@ -58,7 +67,9 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
 def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     """Tell the two arrangements apart by where brightness jumps.
 
-    Tiles have seams where one view meets the next, a MacPI image where one microlens does.
+    Tiles have seams where one view meets the next, a MacPI image where one microlens does. The
+    outer views of a plenoptic camera are often black, and then so are the seams of its MacPI, but
+    also everything else at their places under the microlenses.
 
     Args:
         image: ``[V * H, U * W, C]``.
@@ -67,6 +78,8 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     Returns:
         The arrangement; None if there is no clear difference, as without texture.
     """
+    if _dark_phases(image, grid):
+        return "macpi"
     tiles, lenses, others = [], [], []
     for axis, count in enumerate(grid):
         size = image.shape[axis] // count
@@ -85,6 +98,18 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     if _mean(lenses) > SEAM * elsewhere:
         return "macpi"
     return "tiled" if _mean(tiles) > SEAM * elsewhere else None
+
+
+def _dark_phases(image: np.ndarray, grid: tuple[int, int]) -> bool:
+    """Whether pixels are dark by their place under a microlens, as outer views of a MacPI may be.
+
+    In tiled views the pixels of each such place are spread over all views and equally bright.
+    """
+    height, width = image.shape[0] // grid[0], image.shape[1] // grid[1]
+    if height * width < FEWEST_LENSES:
+        return False
+    brightness = split_macpi(image, grid).mean((2, 3, 4), dtype=np.float64)
+    return bool(brightness.min() < DARK * brightness.max())
 
 
 def _mean(profiles: list[np.ndarray]) -> float:

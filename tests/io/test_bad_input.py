@@ -47,10 +47,6 @@ class BadFolder:
         (folder / hci(0, 2)).unlink()
         said = "2 of the 3x3 views are missing (input_Cam002.png, input_Cam004.png); add them"
         return folder, {}, [said]
-            folder,
-            {},
-            ["2 of the 3x3 views are missing (input_Cam002.png, input_Cam004.png); add them"],
-        )
 
     def missing_last_view(self):
         folder = self.views_folder()
@@ -143,6 +139,35 @@ class BadFolder:
         folder = self.views_folder()
         (folder / "parameters.cfg").write_text(json.dumps({"baseline_mm": 50}))
         return folder, {}, ["parameters.cfg", "not a configuration file"]
+
+    def config(self, old, new):
+        folder = self.views_folder()
+        (folder / "parameters.cfg").write_text(CONFIG.replace(old, new))
+        return folder
+
+    def config_of_reversed_disparities(self):
+        folder = self.config("disp_min = -1.6", "disp_min = 1.6")
+        return folder, {}, ["parameters.cfg", "disp_min is 1.6 and disp_max is 1.5"]
+
+    def config_of_equal_disparities(self):
+        folder = self.config("disp_min = -1.6", "disp_min = 1.5")
+        return folder, {}, ["parameters.cfg", "disp_min is 1.5"]
+
+    def config_of_huge_disparities(self):
+        folder = self.config("disp_max = 1.5", "disp_max = 1500")
+        return folder, {}, ["parameters.cfg", "-1.6 to 1500", "(24)"]
+
+    def config_of_half_a_camera(self):
+        folder = self.config("num_cams_x = 3", "num_cams_x = 5.5")
+        return folder, {}, ["parameters.cfg", "num_cams_x", "5.5", "whole number"]
+
+    def config_of_no_camera(self):
+        folder = self.config("num_cams_y = 3", "num_cams_y = 0")
+        return folder, {}, ["parameters.cfg", "num_cams_y", "positive"]
+
+    def config_of_negative_cameras(self):
+        folder = self.config("num_cams_y = 3", "num_cams_y = -5")
+        return folder, {}, ["parameters.cfg", "num_cams_y", "-5"]
 
     def pattern_without_places(self):
         return self.views_folder(), {"pattern": "input_{u}.png"}, ["{v} and {u}"]
@@ -296,6 +321,41 @@ class BadFolder:
         path = self.array(views=self.views, positions=np.zeros((3, 3)))
         return path, {}, ["scene.npz", "positions"]
 
+    def array_of_pixels_first(self):
+        return (
+            self.array(views=np.moveaxis(self.views, (0, 1), (2, 3))),
+            {},
+            ["[H, W, V, U", "transpose"],
+        )
+
+    def array_of_tiny_views(self):
+        return (
+            self.array(views=np.zeros((2, 2, 2, 8, 3), np.uint8)),
+            {},
+            ["scene.npz", "2x8 pixels"],
+        )
+
+    def array_of_equal_positions(self):
+        path = self.array(views=self.views, positions=np.full((3, 3, 2), [3, 7]))
+        return path, {}, ["scene.npz", "positions are all the same"]
+
+    def npz_with_unknown_keys(self):
+        path = self.array(views=self.views, disparities=np.zeros(2))
+        return path, {}, ["scene.npz", "(disparities)", "disparity_range", "positions"]
+
+    def npz_with_one_key_in_two_cases(self):
+        return self.array(views=self.views, Views=self.views), {}, ["scene.npz", "case"]
+
+    def npy_of_petabytes(self):
+        header = "{'descr': '|u1', 'fortran_order': False, 'shape': (9, 9, 4000000, 4000000, 3), }"
+        line = header.ljust(117) + "\n"
+        data = b"\x93NUMPY\x01\x00" + len(line).to_bytes(2, "little") + line.encode()
+        (self.path / "scene.npy").write_bytes(data + bytes(100))
+        return self.path / "scene.npy", {}, ["scene.npy", "more memory than there is"]
+
+    def mosaic_of_tiny_views(self):
+        return self.image(), {"grid": (10, 12)}, ["all.png", "2x2", "10x12", "--grid"]
+
     def hdf5_that_is_none(self):
         (self.path / "scene.h5").write_text("nothing")
         return self.path / "scene.h5", {}, ["scene.h5", "HDF5"]
@@ -311,7 +371,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
 FAULTS = [
     name
     for name in vars(BadFolder)
-    if not name.startswith("_") and name not in ("views_folder", "image", "array")
+    if not name.startswith("_") and name not in ("views_folder", "image", "array", "config")
 ]
 
 

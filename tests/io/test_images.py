@@ -9,6 +9,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+from occjax.errors import InputError
 from occjax.io import read_image
 
 RNG = np.random.default_rng(0)
@@ -106,3 +107,20 @@ def test_jpeg_is_read_nearly_as_written(tmp_path):
     image = np.stack([4 * y, 4 * x, 2 * (x + y)], axis=-1).astype(np.uint8)
     Image.fromarray(image).save(tmp_path / "image.jpg", quality=95)
     assert abs(read_image(tmp_path / "image.jpg").astype(int) - image).max() < 12
+
+
+def test_mosaics_beyond_the_limit_of_pillow_are_read(tmp_path, monkeypatch):
+    """The limit is lowered for the test: an image of 300 megapixels takes long."""
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
+    image = RNG.integers(0, 256, (40, 30, 3), np.uint8)
+    Image.fromarray(image).save(tmp_path / "large.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "large.png"), image)
+    assert Image.MAX_IMAGE_PIXELS == 100
+
+
+def test_the_limit_of_pillow_is_back_after_an_error(tmp_path):
+    before = Image.MAX_IMAGE_PIXELS
+    (tmp_path / "none.png").write_text("no image")
+    with pytest.raises(InputError):
+        read_image(tmp_path / "none.png")
+    assert Image.MAX_IMAGE_PIXELS == before is not None

@@ -48,3 +48,13 @@ def test_the_arrangement_of_real_views_is_found_out(shared, scene):
     views = load(shared / "data" / scene, check_orientation=False).views[2:7, 2:7]
     assert detect_mosaic(join_tiles(views), (5, 5)) == "tiled"
     assert detect_mosaic(join_macpi(views), (5, 5)) == "macpi"
+
+
+@pytest.mark.parametrize("visible", [4.5, 6.5])
+def test_black_outer_views_do_not_hide_the_arrangement(visible):
+    """A plenoptic camera sees nothing in the corners of its grid, or nothing around a disc."""
+    views = np.round(two_planes((14, 14), (40, 48))[0] * 255).astype(np.uint8)
+    v, u = np.mgrid[:14, :14] - 6.5
+    views[np.hypot(v, u) > visible + 1] = 0
+    assert detect_mosaic(join_macpi(views), (14, 14)) == "macpi"
+    assert detect_mosaic(join_tiles(views), (14, 14)) == "tiled"
