@@ -5,15 +5,13 @@ Read a light field with :func:`load`, estimate the disparity of its centre view 
 networks in :mod:`occjax.models`.
 """
 
-from importlib.metadata import version
-
 from occjax import evaluation, inference, io, models, ops
 from occjax.errors import InputError
 from occjax.inference import Estimate, Estimator, estimate, infer, photometric
 from occjax.io import check, load
 from occjax.lightfield import Calibration, LightField
 
-__version__ = version("occjax")
+__version__ = "0.1.0"
 
 __all__ = [
     "Calibration",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from functools import partial
@@ -45,7 +46,8 @@ def estimate(
 ) -> Estimate:
     """Estimate the disparity of a light field's centre view.
 
-    For several light fields make one :class:`Estimator`, which compiles once per shape.
+    Compiled once per shape. For several light fields make one :class:`Estimator`, which also reads
+    its weights only once.
 
     Args:
         light_field: Views and what is known about them, see :func:`occjax.load`.
@@ -65,7 +67,7 @@ def estimate(
 
     Example:
         >>> from occjax.data.sample import sample
-        >>> result = estimate(sample().central(3, 3), disparity_range=(-1, 1))
+        >>> result = estimate(sample().central(3, 3), disparity_range=(-1.0, 1.0))
         >>> result.disparity.shape == sample().image_size
         True
     """
@@ -105,7 +107,7 @@ class Estimator:
                     "leave out warp (--warp) and precision (--precision)"
                 )
             self.model, self.config = PHOTOMETRIC, PhotometricConfig()
-            self._run = jax.jit(partial(_run_photometric, config=self.config))
+            self._run = partial(_compiled, _run_photometric, config=self.config)
         elif model == PHOTOMETRIC:
             raise InputError(f"the photometric estimator takes no weights; leave out {weights}")
         elif weights is None:
@@ -123,8 +125,7 @@ class Estimator:
                     "warp: transposed, as the published code trained it (rows move with u); "
                     "choose --warp correct to override",
                 )
-            self._run = jax.jit(partial(_run_network, config=self.config, dtype=precision))
-        self._compiled: dict[Any, Callable] = {}
+            self._run = partial(_compiled, _run_network, config=self.config, dtype=precision)
 
     def __call__(
         self,
@@ -156,7 +157,9 @@ class Estimator:
         seconds = {}
         say("compiling")
         begin = time.perf_counter()
-        compiled = self._compile(arguments)
+        leaves, structure = jax.tree.flatten(arguments)
+        shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+        compiled = self._run(structure, shapes)
         seconds["compile"] = time.perf_counter() - begin
         say("estimating")
         begin = time.perf_counter()
@@ -170,13 +173,6 @@ class Estimator:
             notes=(*self.notes, *notes),
             seconds=seconds,
         )
-
-    def _compile(self, arguments: tuple) -> Callable:
-        shapes = jax.tree.map(lambda array: (array.shape, str(array.dtype)), arguments)
-        key = str(shapes)
-        if key not in self._compiled:
-            self._compiled[key] = self._run.lower(*arguments).compile()
-        return self._compiled[key]
 
     def _prepare_photometric(self, light_field, disparity_range):
         (low, high), notes = _choose_range(light_field, disparity_range)
@@ -223,6 +219,13 @@ class Estimator:
                     "and there is none"
                 )
         return (self._variables, light_field.grey(), candidates, truth), covered, notes
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(run: Callable, structure: Any, shapes: tuple, **static: Any) -> Callable:
+    """A function compiled for arguments of these shapes; shared by all estimators."""
+    arguments = jax.tree.unflatten(structure, shapes)
+    return jax.jit(run, static_argnames=tuple(static)).lower(*arguments, **static).compile()
 
 
 def _run_photometric(views, candidates, offsets, *, config):

@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
+from occjax.errors import InputError
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
 from occjax.models.cascade import stage_output
 from occjax.ops import (
@@ -53,11 +54,13 @@ def infer(
         One :class:`StageOutput` per stage; the last is the answer.
 
     Raises:
-        ValueError: If the grid is not the configured one or a ground truth is missing.
+        InputError: If the grid is not the configured one.
+        ValueError: If the ground truth is missing.
     """
-    if views.shape[:2] != config.views:
-        raise ValueError(f"the network takes {config.views} views, not {views.shape[:2]}")
+    if strip_rows < 1:
+        raise InputError(f"strip_rows must be positive, not {strip_rows}")
     network = OccCasNet(config, dtype=dtype)
+    network.check_grid(views)
 
     def method(name, *args):
         return network.apply(variables, *args, method=name)

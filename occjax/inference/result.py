@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """A disparity map of the centre view and what the estimator knows about it.
 
     Attributes:
         disparity: ``[H, W]`` float32, pixels per view step.
         confidence: ``[H, W]`` float32 in [0, 1]: one minus the entropy of the candidates'
-            probabilities over its maximum. 1 is certain.
-        standard_deviation: ``[H, W]`` float32 of the candidates' probabilities, in the unit of
+            probabilities over its maximum; 1 is certain. Of a cascade, that of its least certain
+            stage.
+        standard_deviation: ``[H, W]`` float32 of the last stage's probabilities, in the unit of
             disparity.
         coarse: ``[H, W]`` float32 disparity of the first stage, if there is more than one.
         occlusion: ``[V, U, H, W]`` float32 occlusion map of each view in [0, 1] (eq. 5 of the

@@ -1,6 +1,6 @@
-"""Networks as Flax modules, built from frozen configurations."""
+"""Networks as Flax modules, built from frozen configurations, and their weights."""
 
-from occjax.models.cascade import OccCasNet, StageOutput
+from occjax.models.cascade import OccCasNet, StageOutput, variable_shapes
 from occjax.models.config import (
     PRESETS,
     FeatureConfig,
@@ -9,6 +9,8 @@ from occjax.models.config import (
     preset,
     sampled,
 )
+from occjax.models.fetch import fetch_published_weights
+from occjax.models.weights import load_weights, save_weights
 
 __all__ = [
     "PRESETS",
@@ -17,6 +19,10 @@ __all__ = [
     "OccCasNet",
     "StageConfig",
     "StageOutput",
+    "fetch_published_weights",
+    "load_weights",
     "preset",
     "sampled",
+    "save_weights",
+    "variable_shapes",
 ]

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from occjax.errors import InputError
 from occjax.models.aggregation import Aggregation, ViewAttention
 from occjax.models.config import NetworkConfig
 from occjax.models.features import FeatureNetwork
@@ -100,8 +101,10 @@ class OccCasNet(nn.Module):
             One :class:`StageOutput` per stage; the last is the answer.
 
         Raises:
-            ValueError: If the grid is not the configured one or a ground truth is missing.
+            InputError: If the grid is not the configured one.
+            ValueError: If the ground truth is missing.
         """
+        self.check_grid(views)
         features = self.extract(views, train=train)
         outputs: list[StageOutput] = []
         for index, stage in enumerate(self.config.stages):
@@ -115,6 +118,18 @@ class OccCasNet(nn.Module):
             scores = self.aggregate(index, volume, attention, train=train)
             outputs.append(stage_output(scores, values, before, attention, maps))
         return tuple(outputs)
+
+    def check_grid(self, views: Array) -> None:
+        """Refuse views of another grid than the configured one.
+
+        Raises:
+            InputError: With the two grids in its message.
+        """
+        if views.ndim != 4 or views.shape[:2] != self.config.views:
+            v, u = self.config.views
+            raise InputError(
+                f"the network takes grey views [{v}, {u}, H, W], not {list(views.shape)}"
+            )
 
     def extract(
         self, views: Float[Array, "v u h w"], *, train: bool = False
@@ -236,3 +251,16 @@ def stage_output(
     if before is not None:
         disparity = before + disparity
     return StageOutput(disparity, probabilities, candidates, attention, occlusion)
+
+
+def variable_shapes(config: NetworkConfig) -> dict:
+    """Shapes and types of a network's variables, without computing any.
+
+    Args:
+        config: The network.
+
+    Returns:
+        ``variables`` with a ``jax.ShapeDtypeStruct`` in place of each array.
+    """
+    views = jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32)
+    return jax.eval_shape(OccCasNet(config).init, jax.random.key(0), views)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from types import MappingProxyType
+from typing import Any, Literal, get_args
 
 from occjax.errors import InputError
 
 OcclusionSource = Literal["none", "coarse", "ground_truth"]
 Warp = Literal["correct", "transposed"]
+FeatureStatistics = Literal["pooled", "per_view"]
 
 
 def sampled(minimum: float, maximum: float, interval: float) -> tuple[float, ...]:
@@ -30,7 +33,7 @@ def sampled(minimum: float, maximum: float, interval: float) -> tuple[float, ...
         >>> sampled(-1.0, 1.0, 0.5)
         (-1.0, -0.5, 0.0, 0.5, 1.0)
     """
-    steps = (maximum - minimum) / interval
+    steps = (maximum - minimum) / interval if interval > 0 else -1.0
     if steps < 0 or not math.isclose(steps, round(steps), abs_tol=1e-6):
         raise ValueError(f"an interval of {interval} does not divide [{minimum}, {maximum}]")
     return tuple(float(minimum) + index * interval for index in range(round(steps) + 1))
@@ -60,6 +63,14 @@ class FeatureConfig:
     fused: int = 16
     channels: int = 4
 
+    def __post_init__(self) -> None:
+        """Refuse what cannot be built."""
+        if not len(self.widths) == len(self.blocks) == len(self.dilations) >= 2:
+            raise ValueError(
+                "widths, blocks and dilations must be given for the same two or more groups, not "
+                f"for {len(self.widths)}, {len(self.blocks)} and {len(self.dilations)}"
+            )
+
 
 @dataclass(frozen=True)
 class StageConfig:
@@ -80,6 +91,13 @@ class StageConfig:
     residual_pairs: int = 2
     occlusion: OcclusionSource = "none"
     attention: bool = True
+
+    def __post_init__(self) -> None:
+        """Take candidates of any sequence; refuse what cannot be built."""
+        object.__setattr__(self, "candidates", tuple(map(float, self.candidates)))
+        if len(self.candidates) < 2 or sorted(set(self.candidates)) != list(self.candidates):
+            raise ValueError(f"candidates must be two or more, ascending, not {self.candidates}")
+        _one_of("occlusion", self.occlusion, OcclusionSource)
 
     @property
     def halo(self) -> int:
@@ -111,12 +129,14 @@ class NetworkConfig:
     attention_width: int = 120
     shared_aggregation: bool = False
     warp: Warp = "correct"
-    feature_statistics: Literal["pooled", "per_view"] = "pooled"
+    feature_statistics: FeatureStatistics = "pooled"
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
         if not self.stages:
             raise ValueError("a network needs at least one stage")
+        _one_of("warp", self.warp, Warp)
+        _one_of("feature_statistics", self.feature_statistics, FeatureStatistics)
         if self.stages[0].occlusion == "coarse":
             raise ValueError("the first stage has no disparity before it to judge occlusion by")
         v, u = self.views
@@ -125,8 +145,17 @@ class NetworkConfig:
                 f"channel attention mirrors an octant of a square grid of odd size, not {v}x{u}; "
                 "set attention=False in every stage"
             )
-        if self.shared_aggregation and len({(s.width, s.residual_pairs) for s in self.stages}) > 1:
-            raise ValueError("stages that share an aggregation must agree in width and depth")
+        shapes = {(stage.width, stage.residual_pairs, stage.attention) for stage in self.stages}
+        if self.shared_aggregation and len(shapes) > 1:
+            raise ValueError(
+                "stages that share an aggregation must agree in width, depth and attention"
+            )
+
+
+def _one_of(name: str, value: str, choices: Any) -> None:
+    """A misspelt option would otherwise silently mean the other one."""
+    if value not in get_args(choices):
+        raise ValueError(f"{name} is {' or '.join(get_args(choices))}, not {value!r}")
 
 
 def _cascade(
@@ -148,37 +177,39 @@ _COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4.0, 4.0, step) for step in (1.0, 
 
 _WIDE = 150  # LFattNet and SubFocal aggregate with 150 channels
 
-PRESETS: dict[str, NetworkConfig] = {
-    # Table 3 of the paper, row by row.
-    "cas_1": _cascade(_COARSE_9),
-    "cas_2": _cascade(_COARSE_9, _around(1 / 8)),
-    "cas_3": _cascade(_COARSE_9, _around(1 / 8), _around(1 / 16)),
-    "cas_4": _cascade(_COARSE_9, _around(1 / 8), _around(1 / 16), _around(1 / 32)),
-    "cas_2_share": _cascade(_COARSE_9, _around(1 / 8), shared_aggregation=True),
-    "cas_2_occ": _cascade(_COARSE_9, _around(1 / 8), occlusion="coarse"),
-    "cas_2_occ_gt": _cascade(_COARSE_9, _around(1 / 8), occlusion="ground_truth"),
-    "cas_2_interval_1_2": _cascade(_COARSE_9, _around(1 / 2)),
-    "cas_2_interval_1_4": _cascade(_COARSE_9, _around(1 / 4)),
-    "cas_2_interval_1_8": _cascade(_COARSE_9, _around(1 / 8)),
-    "cas_2_interval_1_16": _cascade(_COARSE_9, _around(1 / 16)),
-    "cas_2_coarse_17": _cascade(_COARSE_17, _around(1 / 8)),
-    "cas_2_coarse_33": _cascade(_COARSE_33, _around(1 / 8)),
-    # The final model: Cas_2-occ with 33 and 9 candidates.
-    "occcasnet": _cascade(_COARSE_33, _around(1 / 8), occlusion="coarse"),
-    # Single-stage volumes of the networks it is compared with.
-    "lfattnet": NetworkConfig((StageConfig(_COARSE_9, width=_WIDE),)),
-    "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), width=_WIDE),)),
-    # Same structure as the final model, small enough for tests.
-    "tiny": NetworkConfig(
-        (
-            StageConfig(sampled(-2.0, 2.0, 1.0), width=8, residual_pairs=1),
-            StageConfig(sampled(-0.5, 0.5, 0.5), width=8, residual_pairs=1, occlusion="coarse"),
+PRESETS: Mapping[str, NetworkConfig] = MappingProxyType(
+    {
+        # Table 3 of the paper, row by row.
+        "cas_1": _cascade(_COARSE_9),
+        "cas_2": _cascade(_COARSE_9, _around(1 / 8)),
+        "cas_3": _cascade(_COARSE_9, _around(1 / 8), _around(1 / 16)),
+        "cas_4": _cascade(_COARSE_9, _around(1 / 8), _around(1 / 16), _around(1 / 32)),
+        "cas_2_share": _cascade(_COARSE_9, _around(1 / 8), shared_aggregation=True),
+        "cas_2_occ": _cascade(_COARSE_9, _around(1 / 8), occlusion="coarse"),
+        "cas_2_occ_gt": _cascade(_COARSE_9, _around(1 / 8), occlusion="ground_truth"),
+        "cas_2_interval_1_2": _cascade(_COARSE_9, _around(1 / 2)),
+        "cas_2_interval_1_4": _cascade(_COARSE_9, _around(1 / 4)),
+        "cas_2_interval_1_8": _cascade(_COARSE_9, _around(1 / 8)),
+        "cas_2_interval_1_16": _cascade(_COARSE_9, _around(1 / 16)),
+        "cas_2_coarse_17": _cascade(_COARSE_17, _around(1 / 8)),
+        "cas_2_coarse_33": _cascade(_COARSE_33, _around(1 / 8)),
+        # The final model: Cas_2-occ with 33 and 9 candidates.
+        "occcasnet": _cascade(_COARSE_33, _around(1 / 8), occlusion="coarse"),
+        # Single-stage volumes of the networks it is compared with.
+        "lfattnet": NetworkConfig((StageConfig(_COARSE_9, width=_WIDE),)),
+        "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), width=_WIDE),)),
+        # Same structure as the final model, small enough for tests.
+        "tiny": NetworkConfig(
+            (
+                StageConfig(sampled(-2.0, 2.0, 1.0), width=8, residual_pairs=1),
+                StageConfig(sampled(-0.5, 0.5, 0.5), width=8, residual_pairs=1, occlusion="coarse"),
+            ),
+            views=(3, 3),
+            features=FeatureConfig(blocks=(1, 1, 1, 1), pooled=(2, 4)),
+            attention_width=8,
         ),
-        views=(3, 3),
-        features=FeatureConfig(blocks=(1, 1, 1, 1), pooled=(2, 4)),
-        attention_width=8,
-    ),
-}
+    }
+)
 
 
 def preset(name: str, **changes) -> NetworkConfig:

@@ -13,7 +13,7 @@ import numpy as np
 from flax import traverse_util
 
 from occjax.errors import InputError
-from occjax.models.cascade import OccCasNet
+from occjax.models.cascade import variable_shapes
 from occjax.models.config import NetworkConfig
 
 _NAME = re.compile(
@@ -54,7 +54,7 @@ def load_published_weights(path: str | Path, config: NetworkConfig) -> dict:
         InputError: If the file cannot be read, or naming the first weight that does not fit.
     """
     remaining = _group_by_layer(Path(path), _read(Path(path)))
-    template = traverse_util.flatten_dict(_shapes(config))
+    template = traverse_util.flatten_dict(variable_shapes(config))
     flat = {}
     for layer in _layers_in_creation_order(config):
         if not remaining[layer.kind]:
@@ -94,6 +94,8 @@ def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
         if "layer_names" not in group.attrs:
             raise InputError(f"{path}: is not a Keras 2 weights file (no 'layer_names' attribute)")
         for layer in _text(group.attrs["layer_names"]):
+            if layer not in group or "weight_names" not in group[layer].attrs:
+                raise InputError(f"{path}: lists {layer} but does not hold it; copy it again")
             for name in _text(group[layer].attrs["weight_names"]):
                 if name not in group[layer]:
                     raise InputError(f"{path}: lists {name} but does not hold it; copy it again")
@@ -119,12 +121,6 @@ def _group_by_layer(
         layers, number = numbered[match["layer"]], int(match["number"] or 0)
         layers.setdefault(number, (name.rpartition("/")[0], {}))[1][match["weight"]] = value
     return {kind: [layers[n] for n in sorted(layers)] for kind, layers in numbered.items()}
-
-
-def _shapes(config: NetworkConfig) -> dict:
-    """Shapes of the network's variables, without computing any."""
-    views = jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32)
-    return jax.eval_shape(OccCasNet(config).init, jax.random.key(0), views)
 
 
 def _layers_in_creation_order(config: NetworkConfig) -> Iterator[_Layer]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +16,7 @@ from safetensors.numpy import save_file
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
+from occjax.models.cascade import variable_shapes
 from occjax.models.config import FeatureConfig, NetworkConfig, StageConfig, Warp, preset
 from occjax.models.published import load_published_weights
 
@@ -30,11 +33,19 @@ def save_weights(
         variables: Collections ``params`` and ``batch_stats`` of :class:`OccCasNet`.
         config: The network's configuration.
         metadata: Further strings to keep, for instance what the weights were trained on.
+
+    Raises:
+        InputError: If the variables are not those of the configuration, or the name has another
+            suffix.
     """
+    path = Path(path)
+    if path.suffix != ".safetensors":
+        raise InputError(f"{path}: weights are written to a file that ends in .safetensors")
     tensors = {
         name: np.ascontiguousarray(value)
         for name, value in traverse_util.flatten_dict(variables, sep="/").items()
     }
+    _check_fit(path, tensors, config)
     description = {**(metadata or {}), "config": json.dumps(dataclasses.asdict(config))}
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata=description)
@@ -48,9 +59,10 @@ def load_weights(
     Args:
         path: ``.safetensors`` written by :func:`save_weights`, or ``.h5`` / ``.hdf5`` in the
             published layout.
-        config: The network they must fit. By default the one the file names; for the published
-            layout the final OccCasNet with the transposed warp it was trained with.
-        warp: Which warp to use instead; see :class:`NetworkConfig`.
+        config: The network they must fit, whatever its warp and feature statistics. By default the
+            one the file names, for the published layout the final OccCasNet.
+        warp: Which warp to use instead of the one the weights were trained with, which is
+            ``"transposed"`` for the published layout; see :class:`NetworkConfig`.
 
     Returns:
         ``variables`` and the configuration.
@@ -67,10 +79,14 @@ def load_weights(
             f"{path}: weights end in .safetensors, or in .h5 or .hdf5 for the published layout"
         )
     variables, stored = _load_safetensors(path)
-    if config is not None and dataclasses.replace(config, warp=stored.warp) != stored:
-        raise InputError(
-            f"{path}: was made for another network: {_first_difference(config, stored)}"
+    if config is not None:
+        # Neither changes the shape or the meaning of a weight.
+        wanted = dataclasses.replace(
+            config, warp=stored.warp, feature_statistics=stored.feature_statistics
         )
+        if wanted != stored:
+            difference = _first_difference(wanted, stored)
+            raise InputError(f"{path}: was made for another network: {difference}")
     return variables, stored if warp is None else dataclasses.replace(stored, warp=warp)
 
 
@@ -83,9 +99,29 @@ def _load_safetensors(path: Path) -> tuple[dict, NetworkConfig]:
             flat = {name: jnp.asarray(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path}: is not a readable safetensors file ({error})") from error
-    if "config" not in metadata:
-        raise InputError(f"{path}: names no network configuration; was it written by occjax?")
-    return traverse_util.unflatten_dict(flat, sep="/"), _config_from_json(metadata["config"])
+    try:
+        config = _config_from_json(metadata["config"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{path}: holds no network configuration of this version; was it written by occjax?"
+        ) from error
+    _check_fit(path, flat, config)
+    return traverse_util.unflatten_dict(flat, sep="/"), config
+
+
+def _check_fit(path: Path, flat: Mapping[str, Any], config: NetworkConfig) -> None:
+    """Name the first weight that is missing, superfluous, of another shape, or not finite."""
+    expected = traverse_util.flatten_dict(variable_shapes(config), sep="/")
+    for name in (*expected, *flat):
+        if name not in flat:
+            raise InputError(f"{path}: has no weight {name}")
+        if name not in expected:
+            raise InputError(f"{path}: there is no place for {name}")
+        if flat[name].shape != expected[name].shape:
+            shapes = f"{list(flat[name].shape)}, {list(expected[name].shape)} is needed"
+            raise InputError(f"{path}: {name} is {shapes}")
+        if not jnp.isfinite(flat[name]).all():
+            raise InputError(f"{path}: {name} is not finite")
 
 
 def _config_from_json(text: str) -> NetworkConfig:
@@ -103,8 +139,17 @@ def _config_from_json(text: str) -> NetworkConfig:
 
 
 def _first_difference(wanted: NetworkConfig, stored: NetworkConfig) -> str:
-    for field in dataclasses.fields(NetworkConfig):
-        ours, theirs = getattr(wanted, field.name), getattr(stored, field.name)
-        if ours != theirs:
-            return f"{field.name} is {theirs}, not {ours}"
-    raise AssertionError("the configurations are equal")
+    ours, theirs = (_flat(dataclasses.asdict(config)) for config in (wanted, stored))
+    name = next(name for name in (*ours, *theirs) if ours.get(name) != theirs.get(name))
+    return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    """Fields of a configuration by their path, such as ``stages[0].width``."""
+    if isinstance(value, dict):
+        parts = [(f"{name}.{key}" if name else key, item) for key, item in value.items()]
+    elif isinstance(value, tuple) and value and isinstance(value[0], dict):
+        parts = [(f"{name}[{index}]", item) for index, item in enumerate(value)]
+    else:
+        return {name: value}
+    return {path: leaf for part, item in parts for path, leaf in _flat(item, part).items()}

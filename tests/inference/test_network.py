@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from occjax.errors import InputError
 from occjax.inference.network import infer
 from occjax.models import OccCasNet, StageConfig, preset, sampled
 from tests.reference.variables import random_variables
@@ -60,5 +61,5 @@ def test_memory_of_strips_stays_below_that_of_the_whole_volume():
 
 
 def test_a_grid_of_another_size_is_refused():
-    with pytest.raises(ValueError, match="takes"):
+    with pytest.raises(InputError, match=r"takes grey views \[3, 3, H, W\]"):
         infer({}, jnp.zeros((5, 5, 8, 8)), CONFIG)

@@ -5,7 +5,15 @@ import jax.numpy as jnp
 import pytest
 
 from occjax.errors import InputError
-from occjax.models import PRESETS, NetworkConfig, OccCasNet, StageConfig, preset, sampled
+from occjax.models import (
+    PRESETS,
+    FeatureConfig,
+    NetworkConfig,
+    OccCasNet,
+    StageConfig,
+    preset,
+    sampled,
+)
 
 
 def count(config):
@@ -77,21 +85,45 @@ def test_an_unknown_preset_lists_the_known_ones():
     ("options", "message"),
     [
         ({"stages": ()}, "at least one stage"),
-        ({"stages": (StageConfig((0.0,), occlusion="coarse"),)}, "no disparity before"),
-        ({"stages": (StageConfig((0.0,)),), "views": (3, 5)}, "attention=False"),
-        ({"stages": (StageConfig((0.0,)),), "views": (4, 4)}, "attention=False"),
+        ({"stages": (StageConfig((0.0, 1.0), occlusion="coarse"),)}, "no disparity before"),
+        ({"stages": (StageConfig((0.0, 1.0)),), "views": (3, 5)}, "attention=False"),
+        ({"stages": (StageConfig((0.0, 1.0)),), "views": (4, 4)}, "attention=False"),
         (
             {
-                "stages": (StageConfig((0.0,)), StageConfig((0.0,), width=8)),
+                "stages": (StageConfig((0.0, 1.0)), StageConfig((0.0, 1.0), width=8)),
                 "shared_aggregation": True,
             },
             "agree in width",
+        ),
+        (
+            {
+                "stages": (StageConfig((0.0, 1.0)), StageConfig((0.0, 1.0), attention=False)),
+                "shared_aggregation": True,
+            },
+            "and attention",
         ),
     ],
 )
 def test_what_cannot_be_built_says_why(options, message):
     with pytest.raises(ValueError, match=message):
         NetworkConfig(**options)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: preset("tiny", warp="transpose"), "correct or transposed, not 'transpose'"),
+        (lambda: preset("tiny", feature_statistics="per-view"), "pooled or per_view"),
+        (lambda: StageConfig((0.0, 1.0), occlusion="groundtruth"), "ground_truth, not"),
+        (lambda: StageConfig(()), "two or more, ascending"),
+        (lambda: StageConfig((1.0, 0.0)), "two or more, ascending"),
+        (lambda: FeatureConfig(blocks=(1, 1)), "for 4, 2 and 4"),
+        (lambda: sampled(-1.0, 1.0, 0.0), "does not divide"),
+    ],
+)
+def test_a_misspelt_option_does_not_mean_another_network(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
 
 
 def test_without_attention_any_grid_can_be_configured():

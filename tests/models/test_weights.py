@@ -3,6 +3,8 @@
 import jax
 import numpy as np
 import pytest
+from flax import traverse_util
+from safetensors.numpy import save_file
 
 from occjax.errors import InputError
 from occjax.models import preset
@@ -28,8 +30,55 @@ def test_the_warp_can_be_chosen(saved):
 
 
 def test_another_network_is_refused_with_the_difference(saved):
-    with pytest.raises(InputError, match=r"tiny.safetensors: was made for another network: stages"):
+    with pytest.raises(
+        InputError, match=r"tiny.safetensors: .*another network: stages\[0\].candidates is"
+    ):
         load_weights(saved, preset("occcasnet"))
+
+
+def test_the_choice_of_training_statistics_is_no_other_network(saved):
+    load_weights(saved, preset("tiny", feature_statistics="per_view"))
+
+
+def changed(change):
+    def spoil(variables):
+        flat = traverse_util.flatten_dict(variables, sep="/")
+        change(flat)
+        return traverse_util.unflatten_dict(flat, sep="/")
+
+    return spoil
+
+
+KERNEL = "params/aggregation_0/score/kernel"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda flat: flat.pop(KERNEL), f"has no weight {KERNEL}"),
+        (lambda flat: flat.update({"params/more": flat[KERNEL]}), "no place for params/more"),
+        (lambda flat: flat.update({KERNEL: flat[KERNEL][:1]}), f"{KERNEL} is .1, 3, 3, 8, 1."),
+        (lambda flat: flat.update({KERNEL: flat[KERNEL] * np.nan}), f"{KERNEL} is not finite"),
+    ],
+)
+def test_variables_that_are_not_the_configurations_are_refused(
+    tmp_path, tiny_variables, change, message
+):
+    with pytest.raises(InputError, match=message):
+        save_weights(tmp_path / "w.safetensors", changed(change)(tiny_variables), preset("tiny"))
+    assert not (tmp_path / "w.safetensors").exists()
+
+
+def test_a_configuration_of_another_version_is_refused(tmp_path):
+    path = tmp_path / "later.safetensors"
+    save_file({}, path, metadata={"config": '{"stages": [], "features": {}, "later": 1}'})
+    with pytest.raises(InputError, match=r"later.safetensors: holds no network configuration"):
+        load_weights(path)
+
+
+def test_weights_need_their_suffix(tmp_path, tiny_variables):
+    with pytest.raises(InputError, match=r"ends in \.safetensors"):
+        save_weights(tmp_path / "weights", tiny_variables, preset("tiny"))
 
 
 @pytest.mark.parametrize(
