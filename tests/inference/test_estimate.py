@@ -114,7 +114,7 @@ def test_weights_of_the_transposed_warp_are_announced(tiny):
         ({"model": "no_such_model"}, r"no_such_model.*photometric, cas_1"),
         ({"model": "occcasnet"}, "occjax weights fetch"),
         ({"model": "photometric", "weights": "w.h5"}, "takes no weights"),
-        ({"warp": "correct"}, "no choice of warp"),
+        ({"warp": "correct"}, "has no warp"),
         ({"precision": "float16"}, "float32 or bfloat16"),
         ({"weights": "absent.safetensors"}, "absent.safetensors: there is no such file"),
     ],
