@@ -68,7 +68,8 @@ class OrientationReport:
             field as it is now.
         disparity_range: Disparities of the scene under ``best``, with a small margin, in pixels per
             view step; (-4, 4) if nothing could be measured.
-        measured: Share of the pixels that the range is taken from; 0 if there is no texture.
+        measured: Share of the pixels that the range is taken from; 0 if there is no texture
+            or no more is measured than noise feigns.
         fits: Whether the views may belong together. False if they are textured but agree in no
             layout more than in the others: noise, or a mosaic taken apart wrongly.
     """
@@ -140,7 +141,7 @@ def check(light_field: LightField) -> OrientationReport:
         nearer_in_front=front,
         sign_known=sign_known,
         disparity_range=_range(measurement),
-        measured=measurement.measured,
+        measured=0.0 if measurement.nothing else measurement.measured,
         fits=conclusive or not (all_alike and _jumbled(measurement)),
     )
 

@@ -17,7 +17,8 @@ COLLISION_PIXELS = 1.5
 """Two points that fall together must come from further apart than rounding could bring them."""
 
 SEEN, HIDDEN = 0.04, 0.08
-"""Grey difference below which a point counts as the one shown, above which as not shown.
+"""Grey difference, relative to the brightness of the centre view, below which a point counts as the
+one shown, above which as not shown.
 
 Hidden points are often misplaced by the blur of the disparity map over the edge of what hides them;
 asking for a marked contrast between the two leaves those out.

@@ -130,6 +130,7 @@ def test_pure_noise_is_not_called_wrong_but_unfit(size):
     assert not report.conclusive
     assert not report.fits
     assert report.disparity_range == (-4.0, 4.0)
+    assert report.measured == 0.0
 
 
 def test_copies_of_one_view_fit_in_every_layout(scene):
