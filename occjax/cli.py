@@ -318,12 +318,19 @@ def _layout_report(report: OrientationReport, declared: Orientation) -> str:
     if report.clearly_worse:
         flip = f" --flip {right.flip}" if right.flip else ""
         lines.append(f"layout: {report.best.name}; pass --order {right.order}{flip}")
-    else:
+    elif report.conclusive:
         lines.append("layout: as declared")
+    else:
+        lines.append(
+            "layout: cannot tell, none is clearly more consistent than the others; are grid and "
+            "layout right?"
+            if not report.fits
+            else "layout: cannot tell, too little texture or disparity"
+        )
     if report.nearer_in_front is not None:
         share = f"{report.nearer_in_front:.0%}"
         lines.append(f"  in {share} of the occlusions the nearer surface is in front")
-    if not report.sign_known:
+    if report.conclusive and not report.sign_known:
         lines.append(
             "  too few occlusions to tell the sign of disparity: with rows and columns flipped "
             "besides,\n  the views would be as consistent"

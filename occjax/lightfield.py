@@ -14,6 +14,7 @@ Conventions of the whole library (every other module refers to these):
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +67,7 @@ class Calibration:
         return np.where(distant, np.inf, depth_mm / 1000.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightField:
     """A rectangular grid of views of one scene, as stored, with what its files say about it.
 
@@ -97,11 +98,32 @@ class LightField:
                 f"{self.name}: views must be [V, U, H, W, C] with C of 1 or 3, "
                 f"not {list(self.views.shape)}"
             )
+        if self.views.size == 0 or not self._has_unit_values():
+            raise InputError(
+                f"{self.name}: views must be uint8, uint16 or finite floating point in [0, 1], "
+                f"not {self.views.dtype}{' of another range' * bool(self.views.size)}"
+            )
+        if self.positions is not None and self.positions.shape != (*self.grid, 2):
+            raise InputError(
+                f"{self.name}: positions are {list(self.positions.shape)}, not [V, U, 2]"
+            )
+        low, high = self.disparity_range or (0.0, 1.0)
+        if not -math.inf < low < high < math.inf:
+            raise InputError(
+                f"{self.name}: the disparity range needs minimum < maximum, not {low} {high}"
+            )
         if self.ground_truth is not None and self.ground_truth.shape != self.image_size:
             raise InputError(
                 f"{self.name}: ground truth is {list(self.ground_truth.shape)} "
                 f"but the views are {list(self.image_size)}"
             )
+
+    def _has_unit_values(self) -> bool:
+        """Whether the views' type and values are ones that :func:`to_unit_float` understands."""
+        if not np.issubdtype(self.views.dtype, np.floating):
+            return self.views.dtype in (np.uint8, np.uint16)
+        # A little beyond is left by resampling; NaN fails both comparisons.
+        return bool(self.views.min() >= -0.01 and self.views.max() <= 1.01)
 
     @property
     def grid(self) -> tuple[int, int]:

@@ -47,6 +47,35 @@ def test_other_shapes_are_refused(shape):
         LightField(np.zeros(shape), name="scene")
 
 
+@pytest.mark.parametrize(
+    "views",
+    [
+        np.full((3, 3, 4, 4, 1), 255.0),
+        np.full((3, 3, 4, 4, 1), np.nan),
+        np.full((3, 3, 4, 4, 1), -1.0),
+        np.zeros((3, 3, 4, 4, 1), np.int64),
+        np.zeros((0, 3, 4, 4, 1), np.uint8),
+    ],
+)
+def test_values_of_another_kind_are_refused(views):
+    with pytest.raises(InputError, match=r"scene: views must be uint8, uint16 or finite"):
+        LightField(views, name="scene")
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"positions": np.zeros((3, 3), np.float32)}, r"not \[V, U, 2\]"),
+        ({"disparity_range": (1.0, -1.0)}, "minimum < maximum"),
+        ({"disparity_range": (0.0, 0.0)}, "minimum < maximum"),
+        ({"disparity_range": (float("nan"), 1.0)}, "minimum < maximum"),
+    ],
+)
+def test_what_is_known_of_the_views_must_make_sense(fields, message):
+    with pytest.raises(InputError, match=message):
+        LightField(np.zeros((3, 3, 4, 4, 1)), **fields)
+
+
 def test_ground_truth_must_have_the_size_of_the_views():
     with pytest.raises(InputError, match=r"\[4, 5\].*\[4, 4\]"):
         LightField(np.zeros((3, 3, 4, 4, 1)), ground_truth=np.zeros((4, 5)))
