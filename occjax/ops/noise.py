@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from occjax.errors import InputError
 from occjax.ops.filtering import box_filter
 from occjax.ops.geometry import view_offsets
 from occjax.ops.sampling import as_coordinates, warp
@@ -81,6 +82,9 @@ def noise_level(
     Returns:
         Standard deviation, in the unit of the views; within about a tenth on natural images.
 
+    Raises:
+        InputError: If there is no view beside the centre view.
+
     Example:
         >>> noise = 0.1 * jax.random.normal(jax.random.key(0), (3, 3, 64, 64))
         >>> round(float(noise_level(noise, jnp.zeros(1))), 1)
@@ -116,4 +120,7 @@ def noise_level(
 def views_beside_the_centre(v: int, u: int) -> np.ndarray:
     """Flat indices of the up to four views that are one step from the centre view."""
     rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
-    return np.flatnonzero(np.abs(rows) + np.abs(columns) == 1)
+    beside = np.flatnonzero(np.abs(rows) + np.abs(columns) == 1)
+    if not len(beside):
+        raise InputError("one view has no disparity: give a grid of at least 1x2 views")
+    return beside

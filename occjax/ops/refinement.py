@@ -56,6 +56,9 @@ def refine_disparity(
     Returns:
         ``[h, w]`` refined disparity.
 
+    Raises:
+        InputError: If there is no view beside the centre view.
+
     Example:
         >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
         >>> views = jnp.stack([ramp - 1.0, ramp, ramp + 1.0])[None]  # disparity 1
