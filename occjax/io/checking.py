@@ -56,7 +56,8 @@ class OrientationReport:
     Attributes:
         scores: Inconsistency of each layout by its name: mean grey difference, in [0, 1], between
             the centre view and the others at the best disparity of each pixel. Lower is better.
-        best: The layout that is right, to be applied to the light field as it is now.
+        best: The layout that is right, to be applied to the light field as it is now; the one as
+            it is now unless the report is conclusive.
         conclusive: Whether one layout, up to the sign of disparity, is clearly better than the
             others. If not, the views have no texture or no disparity, or fit together in no
             layout: the grid or the arrangement of a mosaic may be wrong.
@@ -131,6 +132,9 @@ def check(light_field: LightField) -> OrientationReport:
 
     one_stands_out, all_alike = _compare(scores, light_field.grid)
     conclusive = one_stands_out and not measurement.nothing
+    if not conclusive and best != Orientation():  # no reason to doubt what is declared
+        best, front, sign_known = Orientation(), None, False
+        measurement = measure(fine, best)
     otherwise = _clearly_above(scores[Orientation()], scores[best])
     only_the_sign = best == Orientation().reversed_sign and sign_known
     return OrientationReport(

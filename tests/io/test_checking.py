@@ -237,3 +237,14 @@ def test_a_tiny_crop_raises_no_false_alarm(shared):
     for row, column in np.random.default_rng(0).integers(0, 140, (12, 2)):
         crop = views[:, :, row : row + 32, column : column + 32]
         assert not check(LightField(np.ascontiguousarray(crop))).clearly_worse
+
+
+def test_what_is_not_conclusive_leaves_the_declared_sign(shared):
+    """Bleeding edges vote for the wrong side here; the range was that of the wrong sign."""
+    views = load(shared / "data/rendered/s013", check_orientation=False).views
+    truth = read_pfm(shared / "data/rendered/s013/gt_disp_lowres.pfm")[180:244, 156:220]
+    report = check(LightField(np.ascontiguousarray(views[:, :, 180:244, 156:220])))
+    assert not report.conclusive
+    assert report.best == DECLARED
+    low, high = report.disparity_range
+    assert low < np.percentile(truth, 1) < np.percentile(truth, 99) < high
