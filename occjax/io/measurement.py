@@ -62,7 +62,7 @@ class Measurement:
     @property
     def extremes(self) -> np.ndarray:
         """Lowest and highest disparity found but for a few outliers."""
-        return np.percentile(self.found, [0.3, 99.7])
+        return np.percentile(self.found, [0.05, 99.95])
 
     @property
     def span(self) -> np.ndarray:
