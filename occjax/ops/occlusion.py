@@ -5,7 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from occjax.ops.sampling import Border
+from occjax.errors import InputError
+from occjax.ops.sampling import Border, as_images
 from occjax.ops.volume import warp_views
 
 
@@ -31,11 +32,19 @@ def occlusion_maps(
     Returns:
         ``[v, u, h, w]`` occlusion maps in [0, 1].
 
+    Raises:
+        InputError: If the views are not floating point, or the shapes do not fit together.
+
     Example:
         >>> float(occlusion_maps(jnp.ones((3, 3, 4, 4, 1)), jnp.zeros((4, 4))).max())
         0.0
     """
-    v, u = views.shape[:2]
+    views = as_images(views, "v u h w c")
+    v, u, h, w, _ = views.shape
+    if jnp.shape(disparity) != (h, w):
+        raise InputError(
+            f"disparity must be [{h}, {w}] as the views, not {list(jnp.shape(disparity))}"
+        )
     warped = warp_views(views, disparity, offsets=offsets, border=border)
     departure = jnp.abs(warped - views[v // 2, u // 2][None, None]).sum(-1)
     return jnp.clip(departure, 0.0, 1.0)
@@ -56,4 +65,4 @@ def occlusion_weights(maps: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         >>> float(occlusion_weights(jnp.float32(0.5)))
         0.25
     """
-    return jnp.square(1.0 - maps)
+    return jnp.square(1.0 - jnp.asarray(maps))

@@ -9,6 +9,9 @@ Coordinates are computed in at least float32, whatever the type of the image. Bo
 differentiable in the image and in the disparity: the derivative with respect to disparity is that
 of the bilinear interpolant, which is piecewise linear with kinks where a displacement is a whole
 number of pixels (there the derivative is that of the segment towards larger coordinates).
+
+What users pass becomes JAX arrays here, for all operations: :func:`as_images` and
+:func:`as_coordinates` also take NumPy arrays, numbers and lists.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
@@ -29,7 +33,7 @@ Rows = tuple[int | Int[Array, ""], int]
 
 def shift(
     image: Float[Array, "h w c"],
-    disparity: Float[Array, ""],
+    disparity: Float[Array, ""] | float,
     offset: Float[Array, "2"],
     *,
     rows: Rows | None = None,
@@ -48,14 +52,22 @@ def shift(
     Returns:
         ``[r, w, c]`` shifted image.
 
+    Raises:
+        InputError: If the image is not floating point or the disparity not one number.
+
     Example:
         >>> ramp = jnp.arange(4.0)[None, :, None]
         >>> shift(ramp, jnp.float32(0.5), jnp.array([0.0, -1.0]))[0, :, 0].tolist()
         [0.5, 1.5, 2.5, 1.5]
     """
+    image = as_images(image, "h w c", "image")
     h, w, _ = image.shape
     first, count = (0, h) if rows is None else rows
     disparity, offset = as_coordinates(disparity, offset)
+    if disparity.ndim:
+        raise InputError(
+            f"disparity must be one number, not {list(disparity.shape)}; a map is for warp"
+        )
     displacement = -disparity * offset
     whole = jnp.floor(displacement)
     fraction = (displacement - whole).astype(image.dtype)
@@ -98,7 +110,8 @@ def warp(
         ``[r, w, c]`` warped image.
 
     Raises:
-        InputError: If there is no such border.
+        InputError: If the image is not floating point, the disparity does not fit it or there is
+            no such border.
 
     Example:
         >>> ramp = jnp.tile(jnp.arange(4.0)[None, :, None], (2, 1, 1))
@@ -107,7 +120,14 @@ def warp(
     """
     if border not in get_args(Border):
         raise InputError(f'border: must be "replicate" or "zero", not "{border}"')
+    image = as_images(image, "h w c", "image")
     disparity, offset = as_coordinates(disparity, offset)
+    h, w, _ = image.shape
+    if disparity.ndim != 2 or disparity.shape[0] > h or disparity.shape[1] != w:
+        raise InputError(
+            f"disparity must be [{h}, {w}] as the image, or some rows of it, "
+            f"not {list(disparity.shape)}"
+        )
     height, width = disparity.shape
     y = jnp.arange(height, dtype=disparity.dtype) + jnp.asarray(first_row, disparity.dtype)
     y = y[:, None] - disparity * offset[0]
@@ -128,13 +148,44 @@ def warp(
     return between_columns(row) * (one - row_fraction) + between_columns(row + 1) * row_fraction
 
 
-def as_coordinates(*values: Array) -> tuple[Array, ...]:
+def as_images(images: ArrayLike, axes: str, name: str = "views") -> Array:
+    """Views or features as the operations need them: a JAX array of floating point.
+
+    Integers would be sampled without an error but wrongly: a bilinear weight is zero or one in
+    their type, and sums of 8 bits wrap around.
+
+    Args:
+        images: Views or features as the user gave them.
+        axes: The axes they must have, for instance ``"v u h w c"``.
+        name: What the user calls them.
+
+    Returns:
+        The same values, of the same floating type.
+
+    Raises:
+        InputError: If they are not floating point or have other axes.
+    """
+    images = jnp.asarray(images)
+    if not jnp.issubdtype(images.dtype, jnp.floating):
+        raise InputError(
+            f"{name} must be floating point, not {images.dtype}; "
+            "pass light_field.floating() or light_field.grey()"
+        )
+    if images.ndim != len(axes.split()):
+        message = f"{name} must be [{', '.join(axes.split())}], not {list(images.shape)}"
+        grey = axes.endswith("c") and images.ndim == len(axes.split()) - 1
+        raise InputError(message + (f"; grey ones as {name}[..., None]" if grey else ""))
+    return images
+
+
+def as_coordinates(*values: ArrayLike) -> tuple[Array, ...]:
     """Disparities and offsets in one type of at least float32, whatever the promotion rules.
 
     Coordinates need more bits than bfloat16 has: at 512 pixels its steps are two pixels wide.
     """
-    double = any(value.dtype == jnp.float64 for value in values)
-    return tuple(value.astype(jnp.float64 if double else jnp.float32) for value in values)
+    arrays = [jnp.asarray(value) for value in values]
+    double = any(array.dtype == jnp.float64 for array in arrays)
+    return tuple(array.astype(jnp.float64 if double else jnp.float32) for array in arrays)
 
 
 def _base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:

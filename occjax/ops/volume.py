@@ -17,10 +17,12 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from occjax.errors import InputError
 from occjax.ops.geometry import view_offsets
-from occjax.ops.sampling import Border, Rows, as_coordinates, shift, warp
+from occjax.ops.sampling import Border, Rows, as_coordinates, as_images, shift, warp
 
 Combine = Callable[[Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]]
 """Registered views and their weights at one candidate -> that candidate's plane of the volume."""
@@ -38,10 +40,14 @@ def concatenate(
     Returns:
         ``[h, w, v * u * c]``; the channel of view (v, u) and feature c is ``(v * U + u) * C + c``.
 
+    Raises:
+        InputError: If the views are not floating point or the weights do not fit them.
+
     Example:
         >>> concatenate(jnp.zeros((3, 3, 4, 5, 2))).shape
         (4, 5, 18)
     """
+    views, weights = _views_and_weights(views, weights)
     if weights is not None:
         views = views * weights[..., None].astype(views.dtype)
     v, u, h, w, c = views.shape
@@ -64,10 +70,14 @@ def mean_and_variance(
     Returns:
         ``[h, w, 2 * c]``: the c means, then the c variances.
 
+    Raises:
+        InputError: If the views are not floating point or the weights do not fit them.
+
     Example:
         >>> mean_and_variance(jnp.arange(4.0).reshape(2, 2, 1, 1, 1)).tolist()
         [[[1.5, 1.25]]]
     """
+    views, weights = _views_and_weights(views, weights)
     if weights is None:
         mean = views.mean((0, 1))
         variance = jnp.square(views - mean[None, None]).mean((0, 1))
@@ -85,25 +95,28 @@ def group_correlation(groups: int) -> Combine:
     Group-wise Correlation Stereo Network, CVPR 2019, eq. 2), then the weighted mean over the views.
 
     Args:
-        groups: Number of groups; must divide the number of channels.
+        groups: Number of groups, at least 1; must divide the number of channels.
 
     Returns:
         A ``combine`` function whose planes are ``[h, w, groups]``.
 
     Raises:
-        ValueError: When called on features that the groups do not divide.
+        InputError: If there is no group; when called, if the groups do not divide the channels.
 
     Example:
         >>> group_correlation(2)(jnp.ones((3, 3, 4, 5, 6)), None).shape
         (4, 5, 2)
     """
+    if groups < 1:
+        raise InputError(f"groups must be at least 1, not {groups}")
 
     def combine(
         views: Float[Array, "v u h w c"], weights: Float[Array, "v u h w"] | None = None
     ) -> Float[Array, "h w groups"]:
+        views, weights = _views_and_weights(views, weights)
         v, u, h, w, c = views.shape
         if c % groups:
-            raise ValueError(f"{groups} groups do not divide {c} channels")
+            raise InputError(f"groups must divide the channels: {c} are no multiple of {groups}")
         centre = views[v // 2, u // 2]
         products = (views * centre[None, None]).reshape(v, u, h, w, groups, c // groups).mean(-1)
         if weights is None:
@@ -140,12 +153,18 @@ def coarse_volume(
         ``[d, r, w, k]``, or ``[d, ...]`` with whatever planes ``combine`` makes. Taps outside a
         view read zero.
 
+    Raises:
+        InputError: If the features are not floating point, or the shapes do not fit together.
+
     Example:
         >>> features = jnp.zeros((3, 3, 8, 8, 4))
         >>> coarse_volume(features, jnp.linspace(-1, 1, 5)).shape
         (5, 8, 8, 36)
     """
-    offsets = _offsets(features, offsets)
+    features = as_images(features, "v u h w c", "features")
+    candidates, offsets = _candidates(candidates), _offsets(features, offsets)
+    v, u, h, w, _ = features.shape
+    weights = _weights(weights, (v, u, h if rows is None else rows[1], w))
 
     def plane(candidate):
         def to_centre(view, offset):
@@ -186,11 +205,17 @@ def refined_volume(
     Returns:
         ``[d, r, w, k]``, or ``[d, ...]`` with whatever planes ``combine`` makes.
 
+    Raises:
+        InputError: If the features are not floating point, or the shapes do not fit together.
+
     Example:
         >>> features, disparity = jnp.zeros((3, 3, 8, 8, 4)), jnp.zeros((8, 8))
         >>> refined_volume(features, disparity, jnp.linspace(-0.5, 0.5, 3)).shape
         (3, 8, 8, 36)
     """
+    features = as_images(features, "v u h w c", "features")
+    candidates = _candidates(candidates)
+    weights = _weights(weights, (*features.shape[:2], *jnp.shape(disparity)))
 
     def plane(candidate):
         start, residual = as_coordinates(disparity, candidate)
@@ -223,10 +248,14 @@ def warp_views(
     Returns:
         ``[v, u, r, w, c]`` warped views; with the true disparity, all alike but for occlusions.
 
+    Raises:
+        InputError: If the views are not floating point, or the shapes do not fit together.
+
     Example:
         >>> warp_views(jnp.ones((3, 3, 4, 4, 1)), jnp.zeros((4, 4))).shape
         (3, 3, 4, 4, 1)
     """
+    views = as_images(views, "v u h w c")
 
     def to_centre(view, offset):
         return warp(view, disparity, offset, border=border, first_row=first_row)
@@ -240,8 +269,38 @@ def _over_candidates(
     return jax.lax.map(plane, candidates) if streamed else jax.vmap(plane)(candidates)
 
 
-def _offsets(views: Array, offsets: Array | None) -> Array:
-    return view_offsets(views.shape[0], views.shape[1]) if offsets is None else offsets
+def _candidates(candidates: ArrayLike) -> Float[Array, " d"]:
+    (candidates,) = as_coordinates(candidates)
+    if candidates.ndim != 1:
+        raise InputError(f"candidates must be a list [d], not {list(candidates.shape)}")
+    return candidates
+
+
+def _offsets(views: Array, offsets: ArrayLike | None) -> Float[Array, "v u 2"]:
+    grid = views.shape[:2]
+    if offsets is None:
+        return view_offsets(*grid)
+    (offsets,) = as_coordinates(offsets)
+    if offsets.shape != (*grid, 2):
+        raise InputError(f"offsets must be {[*grid, 2]}, not {list(offsets.shape)}")
+    return offsets
+
+
+def _weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> Array | None:
+    """Weights of exactly the shape: one for all views or all pixels would pass by broadcasting."""
+    if weights is None:
+        return None
+    weights = jnp.asarray(weights)
+    if weights.shape != shape:
+        raise InputError(f"weights must be {list(shape)}, not {list(weights.shape)}")
+    return weights
+
+
+def _views_and_weights(
+    views: ArrayLike, weights: ArrayLike | None
+) -> tuple[Float[Array, "v u h w c"], Array | None]:
+    views = as_images(views, "v u h w c")
+    return views, _weights(weights, views.shape[:4])
 
 
 def _normalised(weights: Float[Array, "v u h w"]) -> Float[Array, "v u h w"]:

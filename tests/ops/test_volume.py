@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from occjax import ops
+from occjax.errors import InputError
 from tests.ops.derivatives import assert_derivatives
 from tests.reference import ops as reference
 
@@ -270,8 +271,10 @@ def test_equal_weights_are_as_none(tolerance):
 
 
 def test_groups_that_do_not_divide_the_channels_are_an_error():
-    with pytest.raises(ValueError, match="3 groups do not divide 2 channels"):
+    with pytest.raises(InputError, match="2 are no multiple of 3"):
         ops.group_correlation(3)(jnp.asarray(FEATURES), None)
+    with pytest.raises(InputError, match="groups must be at least 1, not 0"):
+        ops.group_correlation(0)
 
 
 @pytest.mark.usefixtures("x64")
