@@ -1,4 +1,8 @@
-"""From a volume of costs or probabilities to a disparity map, and how far to trust it."""
+"""From a volume of costs or probabilities to a disparity map, and how far to trust it.
+
+Answers are at least float32, whatever the type of the volume: a disparity of 3 has steps of 1/64
+pixel in bfloat16, coarser than the method is exact.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
+
+from occjax.errors import InputError
+from occjax.ops.sampling import as_coordinates
 
 
 def soft_argmin(
@@ -25,12 +33,16 @@ def soft_argmin(
     Returns:
         ``[h, w]`` disparity, in the unit of the candidates.
 
+    Raises:
+        InputError: If the candidates do not fit the costs.
+
     Example:
         >>> costs = jnp.array([9.0, 0.0, 9.0])[:, None, None]
         >>> round(float(soft_argmin(costs, jnp.array([-1.0, 0.5, 2.0]))[0, 0]), 3)
         0.5
     """
-    return expected_disparity(jax.nn.softmax(-costs, axis=0), candidates)
+    costs, candidates = _volume_and_candidates(costs, candidates, "costs")
+    return (jax.nn.softmax(-costs, axis=0) * candidates).sum(0)
 
 
 def expected_disparity(
@@ -46,12 +58,16 @@ def expected_disparity(
     Returns:
         ``[h, w]`` disparity, in the unit of the candidates.
 
+    Raises:
+        InputError: If the candidates do not fit the probabilities.
+
     Example:
         >>> halves = jnp.full((2, 1, 1), 0.5)
         >>> expected_disparity(halves, jnp.array([1.0, 2.0])).tolist()
         [[1.5]]
     """
-    return (probabilities * _per_pixel(candidates).astype(probabilities.dtype)).sum(0)
+    probabilities, candidates = _volume_and_candidates(probabilities, candidates, "probabilities")
+    return (probabilities * candidates).sum(0)
 
 
 class Confidence(NamedTuple):
@@ -66,8 +82,8 @@ class Confidence(NamedTuple):
     entropy: Float[Array, "h w"]
 
     def certainty(self, number_of_candidates: int) -> Float[Array, "h w"]:
-        """``1 - entropy / log(d)``: 1 is certain, 0 knows nothing."""
-        return 1.0 - self.entropy / math.log(max(number_of_candidates, 2))
+        """``1 - entropy / log(d)``, rounded into [0, 1]: 1 is certain, 0 knows nothing."""
+        return jnp.clip(1.0 - self.entropy / math.log(max(number_of_candidates, 2)), 0.0, 1.0)
 
 
 def confidence(
@@ -85,14 +101,17 @@ def confidence(
     Returns:
         Standard deviation and entropy, each ``[h, w]``.
 
+    Raises:
+        InputError: If the candidates do not fit the probabilities.
+
     Example:
         >>> halves = jnp.full((2, 1, 1), 0.5)
         >>> confidence(halves, jnp.array([1.0, 2.0])).standard_deviation.tolist()
         [[0.5]]
     """
-    values = _per_pixel(candidates).astype(probabilities.dtype)
-    mean = expected_disparity(probabilities, candidates)
-    variance = (probabilities * jnp.square(values - mean[None])).sum(0)
+    probabilities, candidates = _volume_and_candidates(probabilities, candidates, "probabilities")
+    mean = (probabilities * candidates).sum(0)
+    variance = (probabilities * jnp.square(candidates - mean[None])).sum(0)
     spread = variance > 0
     deviation = jnp.where(spread, jnp.sqrt(jnp.where(spread, variance, 1.0)), 0.0)
     possible = probabilities > 0
@@ -100,5 +119,16 @@ def confidence(
     return Confidence(deviation, -(probabilities * logarithm).sum(0))
 
 
-def _per_pixel(candidates: Array) -> Array:
-    return candidates[:, None, None] if candidates.ndim == 1 else candidates
+def _volume_and_candidates(
+    volume: ArrayLike, candidates: ArrayLike, name: str
+) -> tuple[Float[Array, "d h w"], Float[Array, "d ..."]]:
+    """Both in one type, the candidates ``[d, 1, 1]`` or ``[d, h, w]``."""
+    volume, candidates = as_coordinates(volume, candidates)
+    if volume.ndim != 3:
+        raise InputError(f"{name} must be [d, h, w], not {list(volume.shape)}")
+    if candidates.shape not in (volume.shape[:1], volume.shape):
+        raise InputError(
+            f"candidates must be {list(volume.shape[:1])} or {list(volume.shape)} as the {name}, "
+            f"not {list(candidates.shape)}"
+        )
+    return volume, candidates.reshape(-1, 1, 1) if candidates.ndim == 1 else candidates
