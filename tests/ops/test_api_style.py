@@ -1,13 +1,22 @@
-"""The style that makes the public functions predictable, checked for each of them."""
+"""What makes the public functions predictable, checked for each of them.
+
+Their style, and that they take what users have at hand or say in one line why not.
+"""
 
 import ast
+import graphlib
 import inspect
 import re
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
+import jaxtyping
+import numpy as np
 import pytest
 
 from occjax import ops
+from occjax.errors import InputError
 
 FUNCTIONS = {
     name: getattr(ops, name) for name in ops.__all__ if inspect.isfunction(getattr(ops, name))
@@ -58,9 +67,12 @@ def test_options_are_keyword_only(name):
 def test_operations_know_nothing_of_the_rest_of_the_library():
     """Arrows go one way: only errors and the conventions are shared."""
     allowed = ("occjax.ops", "occjax.errors", "occjax.lightfield")
+    imports: dict[str, list[str]] = {}
     for file in Path(ops.__file__).parent.glob("*.py"):
+        imports[f"occjax.ops.{file.stem}"] = []
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{file.name}: relative import"
                 modules = [node.module or ""]
             elif isinstance(node, ast.Import):
                 modules = [alias.name for alias in node.names]
@@ -68,3 +80,130 @@ def test_operations_know_nothing_of_the_rest_of_the_library():
                 continue
             own = [module for module in modules if module.startswith("occjax")]
             assert all(module.startswith(allowed) for module in own), f"{file.name}: {own}"
+            imports[f"occjax.ops.{file.stem}"] += own
+    graphlib.TopologicalSorter(imports).prepare()  # raises CycleError
+
+
+VIEWS = np.random.default_rng(0).uniform(size=(1, 3, 4, 5, 2)).astype(np.float32)
+VOLUME = np.random.default_rng(1).uniform(size=(3, 4, 5)).astype(np.float32)
+DISPARITY = np.full((4, 5), 0.5, np.float32)
+OFFSET = np.array([0.0, -1.0], np.float32)
+CANDIDATES = np.array([-1.0, 0.0, 0.5], np.float32)
+WEIGHTS = np.full(VIEWS.shape[:4], 0.5, np.float32)
+
+
+@pytest.fixture
+def unchecked():
+    """As for users, who have no run-time check of annotations."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+OF_IMAGES = {
+    "shift": lambda image: ops.shift(image[0, 0], jnp.float32(0.5), jnp.asarray(OFFSET)),
+    "warp": lambda image: ops.warp(image[0, 0], jnp.asarray(DISPARITY), jnp.asarray(OFFSET)),
+    "warp_views": lambda views: ops.warp_views(views, jnp.asarray(DISPARITY)),
+    "coarse_volume": lambda views: ops.coarse_volume(views, jnp.asarray(CANDIDATES)),
+    "refined_volume": lambda views: ops.refined_volume(
+        views, jnp.asarray(DISPARITY), jnp.asarray(CANDIDATES)
+    ),
+    "occlusion_maps": lambda views: ops.occlusion_maps(views, jnp.asarray(DISPARITY)),
+    "concatenate": ops.concatenate,
+    "mean_and_variance": ops.mean_and_variance,
+    "group_correlation": ops.group_correlation(2),
+}
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("name", OF_IMAGES)
+@pytest.mark.parametrize("dtype", ["uint8", "int32"])
+def test_integer_images_are_an_error_that_names_the_cure(name, dtype):
+    """Light fields are stored as uint8: it is what one tries first."""
+    with pytest.raises(InputError, match=rf"floating point, not {dtype}; pass light_field.float"):
+        OF_IMAGES[name](jnp.asarray(255 * VIEWS).astype(dtype))
+
+
+TRACED_WITH_CONSTANTS = {
+    "shift": (lambda d: ops.shift(VIEWS[0, 0], d, OFFSET), np.float32(0.5)),
+    "warp": (lambda d: ops.warp(VIEWS[0, 0], d, OFFSET), DISPARITY),
+    "coarse_volume": (lambda c: ops.coarse_volume(VIEWS, c, weights=WEIGHTS), CANDIDATES),
+    "refined_volume": (lambda d: ops.refined_volume(VIEWS, d, CANDIDATES), DISPARITY),
+    "occlusion_maps": (lambda d: ops.occlusion_maps(VIEWS, d), DISPARITY),
+    "soft_argmin": (lambda c: ops.soft_argmin(VOLUME, c), CANDIDATES),
+}
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("name", TRACED_WITH_CONSTANTS)
+def test_numpy_arrays_are_as_jax_arrays_also_inside_compiled_functions(name, tolerance):
+    function, traced = TRACED_WITH_CONSTANTS[name]
+    np.testing.assert_allclose(jax.jit(function)(traced), function(traced), **tolerance("float32"))
+
+
+NUMBERS_AND_LISTS = {
+    "shift": lambda take: ops.shift(VIEWS[0, 0], take(0.5), take([0.0, -1.0])),
+    "coarse_volume": lambda take: ops.coarse_volume(VIEWS, take([-1.0, 0.0, 0.5])),
+    "refined_volume": lambda take: ops.refined_volume(VIEWS, DISPARITY, take([-1.0, 0.0])),
+    "soft_argmin": lambda take: ops.soft_argmin(VOLUME, take([-1.0, 0.0, 0.5])),
+    "confidence": lambda take: ops.confidence(VOLUME / VOLUME.sum(0), take([-1.0, 0.0, 0.5])),
+}
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("name", NUMBERS_AND_LISTS)
+def test_numbers_and_lists_are_as_arrays(name):
+    function = NUMBERS_AND_LISTS[name]
+    plain, arrays = function(lambda value: value), function(lambda value: jnp.float32(value))
+    np.testing.assert_array_equal(plain, arrays)
+
+
+MISFITS = {
+    r"features must be \[v, u, h, w, c\], not \[1, 3, 4, 5\]; grey ones as features\[..., None\]": (
+        lambda: ops.coarse_volume(VIEWS[..., 0], CANDIDATES)
+    ),
+    r"features must be \[v, u, h, w, c\], not \[1, 1, 3": (
+        lambda: ops.refined_volume(VIEWS[None], DISPARITY, CANDIDATES)
+    ),
+    r"candidates must be a list \[d\], not \[\]": lambda: ops.coarse_volume(VIEWS, 0.5),
+    r"candidates must be \[3\] or \[3, 4, 5\] as the costs, not \[1\]": (
+        lambda: ops.soft_argmin(VOLUME, CANDIDATES[:1])
+    ),
+    r"as the probabilities, not \[3, 1, 1\]": (
+        lambda: ops.expected_disparity(VOLUME, CANDIDATES[:, None, None])
+    ),
+    r"probabilities must be \[d, h, w\], not \[3, 4, 5, 1\]": (
+        lambda: ops.confidence(VOLUME[..., None], CANDIDATES)
+    ),
+    r"weights must be \[1, 3, 4, 5\], not \[1, 3, 1, 1\]": (
+        lambda: ops.coarse_volume(VIEWS, CANDIDATES, weights=WEIGHTS[:, :, :1, :1])
+    ),
+    r"weights must be \[1, 3, 2, 5\], not \[1, 3, 4, 5\]": (
+        lambda: ops.refined_volume(VIEWS, DISPARITY[:2], CANDIDATES, weights=WEIGHTS)
+    ),
+    r"weights must be \[1, 3, 4, 5\], not \[3, 4, 5\]": (
+        lambda: ops.mean_and_variance(VIEWS, WEIGHTS[0])
+    ),
+    r"offsets must be \[1, 3, 2\], not \[3, 2\]": (
+        lambda: ops.warp_views(VIEWS, DISPARITY, offsets=np.zeros((3, 2)))
+    ),
+    r"disparity must be one number, not \[2\]": (
+        lambda: ops.shift(VIEWS[0, 0], CANDIDATES[:2], OFFSET)
+    ),
+    r"disparity must be \[4, 5\] as the image, or some rows of it, not \[4, 4\]": (
+        lambda: ops.refined_volume(VIEWS, DISPARITY[:, :4], CANDIDATES)
+    ),
+    r"disparity must be \[4, 5\] as the image, or some rows of it, not \[8, 5\]": (
+        lambda: ops.warp_views(VIEWS, np.tile(DISPARITY, (2, 1)))
+    ),
+    r"disparity must be \[4, 5\] as the views, not \[1, 5\]": (
+        lambda: ops.occlusion_maps(VIEWS, DISPARITY[:1])
+    ),
+}
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("message", MISFITS)
+def test_shapes_that_do_not_fit_are_an_error_not_a_broadcast(message):
+    with pytest.raises(InputError, match=message):
+        MISFITS[message]()
