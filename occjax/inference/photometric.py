@@ -27,11 +27,12 @@ from occjax.ops import (
     aperture_costs,
     confidence,
     median_filter,
+    noise_level,
     occlusion_maps,
     refine_disparity,
     semi_global,
 )
-from occjax.ops.noise import noise_level
+from occjax.ops.sampling import as_images
 
 WHITE = 0.8
 """Grey of the 99th percentile of the centre view while views are compared."""
@@ -103,7 +104,7 @@ def photometric(
     Args:
         views: ``[v, u, h, w, c]`` views in [0, 1], grey or RGB, at least 3x3 pixels. Disparity and
             confidence do not depend on the unit of brightness; the occlusion maps are in it.
-        candidates: ``[d]`` increasing, evenly spaced disparities to search, pixels per view step; a
+        candidates: ``[d]`` evenly spaced disparities to search, pixels per view step; a
             spacing of an eighth of a pixel is enough.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
@@ -113,8 +114,8 @@ def photometric(
         Disparity, its confidence and standard deviation, and the occlusion maps.
 
     Raises:
-        InputError: For a single view, images smaller than 3x3 pixels, or fewer than three
-            candidates.
+        InputError: For a single view, fewer than three candidates, images of less than 3x3 pixels,
+            or views that are not grey or RGB in floating point.
 
     Example:
         >>> texture = jax.random.uniform(jax.random.key(0), (1, 3, 16, 24, 1))
@@ -123,13 +124,16 @@ def photometric(
         >>> round(float(result.disparity[8, 12]), 1)
         1.0
     """
+    views, candidates = as_images(views, "v u h w c"), jnp.asarray(candidates)
     if len(candidates) < 3:
         raise InputError(f"photometric searches at least 3 candidates, not {len(candidates)}")
-    v, u, h, w, _ = views.shape
+    v, u, h, w, c = views.shape
+    if c not in (1, 3):
+        raise InputError(f"photometric needs grey or RGB views, not {c} channels")
     if min(h, w) < 3:
         raise InputError(f"photometric needs images of at least 3x3 pixels (h x w), not {h}x{w}")
     dtype = jnp.float64 if views.dtype == jnp.float64 else jnp.float32
-    views, candidates = views.astype(dtype), candidates.astype(dtype)
+    views, candidates = views.astype(dtype), jnp.sort(candidates.astype(dtype))
     original = _grey(views)
     grey = original * (WHITE / _white(original[v // 2, u // 2]))
     centre = grey[v // 2, u // 2]

@@ -22,6 +22,7 @@ from occjax.ops import (
     refined_volume,
     view_offsets,
 )
+from occjax.ops.sampling import as_images
 
 
 class StageOutput(NamedTuple):
@@ -125,7 +126,8 @@ class OccCasNet(nn.Module):
         Raises:
             InputError: With the two grids in its message.
         """
-        if views.ndim != 4 or views.shape[:2] != self.config.views:
+        as_images(views, "v u h w")
+        if views.shape[:2] != self.config.views:
             v, u = self.config.views
             raise InputError(
                 f"the network takes grey views [{v}, {u}, H, W], not {list(views.shape)}"

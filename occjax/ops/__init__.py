@@ -7,6 +7,7 @@ signs are those of :mod:`occjax.lightfield`.
 from occjax.ops.filtering import box_filter, fit_planes
 from occjax.ops.geometry import view_offsets
 from occjax.ops.matching import aperture_costs, semi_global
+from occjax.ops.noise import noise_level
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity
 from occjax.ops.regression import Confidence, confidence, expected_disparity, soft_argmin
@@ -32,6 +33,7 @@ __all__ = [
     "group_correlation",
     "mean_and_variance",
     "median_filter",
+    "noise_level",
     "occlusion_maps",
     "occlusion_weights",
     "refine_disparity",

@@ -22,7 +22,7 @@ from occjax.errors import InputError
 from occjax.ops.filtering import box_filter
 from occjax.ops.geometry import view_offsets
 from occjax.ops.noise import expected_departure, interpolation_gain
-from occjax.ops.sampling import as_coordinates
+from occjax.ops.sampling import as_coordinates, as_images
 
 Aperture = Literal["half", "quarter"]
 SECTORS = 8
@@ -64,7 +64,7 @@ def aperture_costs(
         ``[d, h, w]`` costs in [0, 1].
 
     Raises:
-        InputError: If there is no view beside the centre view.
+        InputError: If there is no view beside the centre view, or for integer features.
 
     Example:
         >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
@@ -73,6 +73,7 @@ def aperture_costs(
         >>> aperture_costs(views, candidates, truncation=jnp.array([4.0]))[:, 4, 4].tolist()
         [0.5, 0.25, 0.0]
     """
+    features = as_images(features, "v u h w c", "features")
     v, u, h, w, c = features.shape
     if offsets is None:
         offsets = view_offsets(v, u)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from occjax.ops.filtering import box_filter, fit_planes
 from occjax.ops.geometry import view_offsets
 from occjax.ops.noise import views_beside_the_centre
-from occjax.ops.sampling import warp
+from occjax.ops.sampling import as_images, warp
 
 
 def refine_disparity(
@@ -57,7 +57,7 @@ def refine_disparity(
         ``[h, w]`` refined disparity.
 
     Raises:
-        InputError: If there is no view beside the centre view.
+        InputError: If there is no view beside the centre view, or for integer features.
 
     Example:
         >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
@@ -66,6 +66,7 @@ def refine_disparity(
         >>> round(float(refined[4, 4]), 2)
         1.0
     """
+    features = as_images(features, "v u h w c", "features")
     v, u, h, w, c = features.shape
     if offsets is None:
         offsets = view_offsets(v, u)

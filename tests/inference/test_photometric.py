@@ -214,3 +214,22 @@ def test_gradients_are_finite_in_views_and_candidates():
 def test_what_cannot_be_estimated_is_an_input_error(views, candidates, message):
     with pytest.raises(InputError, match=message):
         photometric(jnp.zeros(views), jnp.linspace(-1.0, 1.0, candidates))
+
+
+def test_the_order_of_the_candidates_does_not_matter():
+    views, _ = _plane(3, 3)
+    forwards, backwards = estimate(views, CANDIDATES), estimate(views, CANDIDATES[::-1])
+    np.testing.assert_array_equal(forwards.disparity, backwards.disparity)
+
+
+@pytest.mark.parametrize(
+    ("views", "message"),
+    [
+        (np.zeros((3, 3, 8, 8, 3), np.uint8), "must be floating point, not uint8"),
+        (np.zeros((3, 3, 8, 8, 4), np.float32), "not 4 channels"),
+    ],
+)
+def test_views_of_another_kind_are_refused(views, message):
+    unchecked = photometric.__wrapped__  # here the type checker would refuse them before
+    with pytest.raises(InputError, match=message):
+        unchecked(views, CANDIDATES)
