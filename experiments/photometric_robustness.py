@@ -3,10 +3,10 @@
     python -m experiments.photometric_robustness
     python -m experiments.photometric_robustness --size 64        (the small form, for the test)
 
-Cost: about three minutes on two cores. Expected: the error grows slowly with fewer views (one row of
-views sees no motion along its own texture), exposure changes nothing but rounding, and noise costs
-little until it reaches the contrast of the texture. The bundled sample is the scene, since nothing
-was tuned on it. The result is committed beside this file as ``photometric_robustness.md``.
+Cost: about three minutes on two cores. Expected: the error grows with fewer views (one row of views
+sees no motion along its own texture), exposure changes nothing but rounding, and noise costs little
+until it reaches the contrast of the texture. The bundled sample is the scene, since nothing was
+tuned on it. The result is committed beside this file as ``photometric_robustness.md``.
 """
 
 from __future__ import annotations
