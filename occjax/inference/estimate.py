@@ -304,7 +304,8 @@ def _crop(light_field: LightField, views: tuple[int, int]) -> tuple[LightField, 
 
 
 def _name_of(config: NetworkConfig) -> str:
-    for name, known in PRESETS.items():
-        if preset(name, warp=config.warp) == config or known == config:
+    """The preset a network is, whichever warp it uses."""
+    for name in PRESETS:
+        if preset(name, warp=config.warp) == config:
             return name
     return "custom"
