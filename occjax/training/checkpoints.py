@@ -1,0 +1,160 @@
+"""Checkpoints of a training's whole state, from which it goes on exactly."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import orbax.checkpoint as ocp
+from orbax.checkpoint.checkpoint_managers import preservation_policy
+
+import occjax
+from occjax.errors import InputError
+from occjax.io.atomic import atomic_path
+from occjax.training.config import first_difference
+from occjax.training.step import TrainState
+
+CHECKPOINTS = "checkpoints"
+CONFIG_FILE = "config.json"
+MAY_CHANGE = ("steps",)
+"""Fields of the configuration that may differ when training is resumed: it can be made longer."""
+
+SCORE = "score"
+"""Name of the one number that says which checkpoint is best; lower is better."""
+
+
+class Checkpoints:
+    """The checkpoints in a training's folder. A context manager.
+
+    Attributes:
+        folder: Where they are.
+    """
+
+    def __init__(self, folder: Path, *, keep: int) -> None:
+        self.folder = folder / CHECKPOINTS
+        best = preservation_policy.BestN(
+            get_metric_fn=lambda metrics: metrics[SCORE],
+            reverse=True,
+            n=1,
+            keep_checkpoints_without_metrics=False,
+        )
+        policy = preservation_policy.AnyPreservationPolicy(
+            [preservation_policy.LatestN(keep), best]
+        )
+        self._manager = ocp.CheckpointManager(
+            self.folder.absolute(),
+            options=ocp.CheckpointManagerOptions(
+                preservation_policy=policy,
+                # The next step gives the state's buffers away, so that a checkpoint cannot be
+                # written while it runs.
+                enable_async_checkpointing=False,
+                cleanup_tmp_directories=True,
+            ),
+        )
+
+    def __enter__(self) -> Checkpoints:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._manager.close()
+
+    @property
+    def latest_step(self) -> int | None:
+        """Step of the last checkpoint, None if there is none."""
+        return self._manager.latest_step()
+
+    @property
+    def best(self) -> tuple[int, float] | None:
+        """Step and score of the best checkpoint, None if none has a score."""
+        scores = {step: self._manager.metrics(step) for step in self._manager.all_steps()}
+        scored = [(step, metrics[SCORE]) for step, metrics in scores.items() if metrics]
+        return min(scored, key=lambda entry: entry[1]) if scored else None
+
+    def save(self, state: TrainState, *, score: float | None = None) -> None:
+        """Write a checkpoint, unless there is one of this step, and remove those not kept.
+
+        Args:
+            state: The state.
+            score: How bad it is, if it has been validated.
+        """
+        step = int(state.step)
+        if step != self.latest_step:
+            metrics = None if score is None else {SCORE: score}
+            self._manager.save(step, args=ocp.args.StandardSave(state), metrics=metrics)
+
+    def restore(self, like: TrainState, step: int | None = None) -> TrainState:
+        """Read a checkpoint.
+
+        Args:
+            like: Shapes, types and places of a state's arrays, as ``jax.ShapeDtypeStruct``.
+            step: Which; the last one by default.
+
+        Returns:
+            The state.
+
+        Raises:
+            InputError: If it cannot be read as a state of this training.
+        """
+        step = self.latest_step if step is None else step
+        try:
+            return self._manager.restore(step, args=ocp.args.StandardRestore(like))
+        except (ValueError, KeyError, TypeError, OSError) as error:
+            raise InputError(
+                f"{self.folder / str(step)}: is not a whole checkpoint of this training; remove "
+                "that folder to go on from the one before"
+            ) from error
+
+
+def claim_folder(folder: Path, description: Mapping[str, Any]) -> None:
+    """Make a folder that of a training, or see that it is already that of the same one.
+
+    Args:
+        folder: Of the training; may be missing or empty.
+        description: What the weights depend on, as JSON can hold it.
+
+    Raises:
+        InputError: If the folder holds another training, or something else, or cannot be written.
+    """
+    file = folder / CONFIG_FILE
+    description = json.loads(json.dumps(description))
+    if file.is_file():
+        difference = first_difference(_fixed(description), _fixed(read_description(folder)))
+        if difference is not None:
+            raise InputError(
+                f"{folder}: holds a training of another configuration: {difference}; "
+                "choose another folder, or the same configuration to go on"
+            )
+    elif folder.is_dir() and any(folder.iterdir()):
+        raise InputError(f"{folder}: is neither empty nor a training; choose another folder")
+    with atomic_path(file) as temporary:
+        text = json.dumps({"occjax": occjax.__version__, **description}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """What :func:`claim_folder` wrote.
+
+    Args:
+        folder: Of a training.
+
+    Returns:
+        The description.
+
+    Raises:
+        InputError: If there is none.
+    """
+    file = folder / CONFIG_FILE
+    try:
+        description = json.loads(file.read_text(encoding="utf-8"))
+        description.pop("occjax")
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{file}: is no description of a training; choose another folder"
+        ) from error
+    return description
+
+
+def _fixed(description: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in description.items() if name not in MAY_CHANGE}

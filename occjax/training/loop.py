@@ -1,0 +1,284 @@
+"""The training loop: steps, log, validation, checkpoints, and an orderly end."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from occjax.data.samples import Sample
+from occjax.errors import InputError
+from occjax.io.atomic import check_writable
+from occjax.models import load_weights, save_weights
+from occjax.training.checkpoints import Checkpoints, claim_folder
+from occjax.training.config import RunConfig, TrainConfig
+from occjax.training.logging import Log
+from occjax.training.optimiser import learning_rate
+from occjax.training.prefetch import Source, prefetch
+from occjax.training.step import TrainState, init_state, shardings, state_of, train_step
+from occjax.training.validation import SCORE, Scene, validate
+
+WEIGHTS_FILE = "weights.safetensors"
+BEST_FILE = "best.safetensors"
+PICTURES = "pictures"
+
+
+class Trained(NamedTuple):
+    """What :func:`train` returns.
+
+    Attributes:
+        state: At the end.
+        finished: Whether all steps are done; if not, the time was up.
+        weights: File of the averaged weights.
+    """
+
+    state: TrainState
+    finished: bool
+    weights: Path
+
+
+def train(
+    config: TrainConfig,
+    source: Source,
+    folder: str | Path,
+    *,
+    run: RunConfig | None = None,
+    validation: Sequence[Scene] = (),
+    data: Mapping[str, Any] | None = None,
+    initial_weights: str | Path | None = None,
+    say: Callable[[str], None] = tqdm.write,
+) -> Trained:
+    """Train a network, or go on with training it.
+
+    Writes into the folder: ``config.json``; ``log.jsonl`` and, with tensorboardX, ``tensorboard``;
+    ``checkpoints`` of the whole state; after each validation ``pictures``, and ``best.safetensors``
+    if it is the best so far; ``weights.safetensors`` with every checkpoint. Both files hold the
+    running mean of the weights and are for ``occjax estimate --weights``.
+
+    A folder that holds the beginning of this training is gone on with from its last checkpoint: the
+    outcome is that of a training that was never interrupted. On an interrupt (Ctrl-C) or a request
+    to terminate, the step under way is finished and saved.
+
+    Args:
+        config: The training.
+        source: Its data.
+        folder: Where everything goes.
+        run: How to go about it.
+        validation: Light fields to validate on.
+        data: Description of the source, which must be the same when training is resumed.
+        initial_weights: File of weights to begin with, in place of random ones.
+        say: Called with lines for the user.
+
+    Returns:
+        The final state, and whether training is finished.
+
+    Raises:
+        InputError: If the folder holds something else, the data or the weights do not fit the
+            network, or the loss is no longer finite.
+        KeyboardInterrupt: After saving, if interrupted.
+
+    Example:
+        ::
+
+            from occjax.training import RunConfig, recipe, train
+
+            train(recipe("light"), source, "runs/light", run=RunConfig(minutes=60))
+    """
+    folder, run = Path(folder), run or RunConfig()
+    check_writable(folder)
+    first = source(0)
+    batch_sharding, state_sharding = shardings(first.views.shape[0])
+    described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
+    claim_folder(folder, {**dataclasses.asdict(config), **described})
+
+    with Checkpoints(folder, keep=run.keep) as checkpoints:
+        if checkpoints.latest_step is not None:
+            like = jax.eval_shape(partial(init_state, config), first)
+            state = checkpoints.restore(_placed(like, state_sharding))
+            say(f"{folder}: going on after step {checkpoints.latest_step}")
+        else:
+            state = _first_state(config, first, initial_weights)
+            state = jax.device_put(state, state_sharding)
+        start = int(state.step)
+        with (
+            Log(folder, first_step=start) as log,
+            _interruption() as interrupted,
+            tqdm(total=config.steps, initial=start, unit="step", disable=None) as bar,
+        ):
+            keeper = _Keeper(config, run, folder, validation, checkpoints, log, say)
+            meter = _Meter(config, log, bar)
+            batches = prefetch(
+                source, start, config.steps, ahead=run.prefetch, sharding=batch_sharding
+            )
+            deadline = math.inf if run.minutes is None else time.monotonic() + 60.0 * run.minutes
+            for step, batch in meter.waiting(batches):
+                state, metrics = train_step(state, batch, config=config)
+                done = step + 1
+                meter.add(metrics)
+                stopping = interrupted.is_set() or time.monotonic() >= deadline
+                keeping = done == config.steps or stopping or keeper.is_due(done)
+                if keeping or done % run.log_every == 0:
+                    meter.report(done)
+                if keeping:
+                    keeper.keep(state, done, validating=not stopping)
+                    meter.restart()
+                if stopping:
+                    break
+            batches.close()
+            if interrupted.is_set():
+                say(f"{folder}: interrupted after step {int(state.step)}; start again to go on")
+                raise KeyboardInterrupt
+    return Trained(state, int(state.step) >= config.steps, folder / WEIGHTS_FILE)
+
+
+def _first_state(config: TrainConfig, batch: Sample, weights: str | Path | None) -> TrainState:
+    if weights is None:
+        return init_state(config, batch)
+    return state_of(load_weights(weights, config.network)[0], config)
+
+
+def _placed(state: TrainState, sharding: jax.sharding.Sharding) -> TrainState:
+    """Shapes of a state, to be put in a certain place."""
+
+    def place(leaf):
+        return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
+
+    return jax.tree.map(place, state)
+
+
+class _Keeper:
+    """Decides when to validate and to save, and does it."""
+
+    def __init__(self, config, run, folder, validation, checkpoints, log, say) -> None:
+        self.config, self.run, self.folder = config, run, folder
+        self.validation, self.checkpoints, self.log, self.say = validation, checkpoints, log, say
+        self.saved = time.monotonic()
+
+    def is_due(self, done: int) -> bool:
+        """Whether to keep the state after this step."""
+        every = self.run.checkpoint_steps
+        late = time.monotonic() - self.saved >= 60.0 * self.run.checkpoint_minutes
+        return late or self._validates(done) or (every is not None and done % every == 0)
+
+    def keep(self, state: TrainState, done: int, *, validating: bool) -> None:
+        """Validate if it is time to, and save."""
+        if done == self.checkpoints.latest_step:
+            return
+        score = None
+        if validating and self._validates(done):
+            scores = self._validate(state, done)
+            score, best = scores[SCORE], self.checkpoints.best
+            if best is None or score < best[1]:
+                self._save_weights(state, BEST_FILE, done)
+        self.checkpoints.save(state, score=score)
+        self._save_weights(state, WEIGHTS_FILE, done)
+        self.saved = time.monotonic()
+
+    def _validates(self, done: int) -> bool:
+        at_end = done == self.config.steps
+        return bool(self.validation) and (done % self.run.validate_every == 0 or at_end)
+
+    def _validate(self, state: TrainState, done: int) -> dict[str, float]:
+        scores = validate(
+            state.ema,
+            self.validation,
+            self.config,
+            border=self.run.validation_border,
+            pictures=self.folder / PICTURES,
+        )
+        self.log.write("validation", done, scores)
+        means = ", ".join(
+            f"{name} {value:.3f}" for name, value in scores.items() if "/" not in name
+        )
+        self.say(f"step {done}: {means}")
+        return scores
+
+    def _save_weights(self, state: TrainState, name: str, done: int) -> None:
+        variables = {kind: jax.device_get(tree) for kind, tree in state.ema.items() if tree}
+        save_weights(self.folder / name, variables, self.config.network, {"step": str(done)})
+
+
+class _Meter:
+    """Means of what the steps report, on the log and on the progress bar."""
+
+    def __init__(self, config: TrainConfig, log: Log, bar: tqdm) -> None:
+        self.rate = learning_rate(config.optimiser, config.steps)
+        self.log, self.bar = log, bar
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin to measure and to average anew."""
+        self.pending: list[dict[str, jax.Array]] = []
+        self.begin, self.waited = time.monotonic(), 0.0
+
+    def waiting(self, batches: Iterator) -> Iterator:
+        """The batches, measuring how long they are waited for."""
+        while True:
+            begin = time.monotonic()
+            item = next(batches, None)
+            self.waited += time.monotonic() - begin
+            if item is None:
+                return
+            yield item
+
+    def add(self, metrics: dict[str, jax.Array]) -> None:
+        """Take what a step reports, without waiting for that step to end."""
+        if self.pending:  # the one before has ended: at most two steps' batches are in use
+            jax.block_until_ready(self.pending[-1])
+        self.pending.append(metrics)
+        self.bar.update()
+
+    def report(self, done: int) -> None:
+        """Log the means since the last report.
+
+        Raises:
+            InputError: If the loss is not finite.
+        """
+        if not self.pending:
+            return
+        steps = jax.device_get(self.pending)
+        means = {name: float(np.mean([one[name] for one in steps])) for name in steps[0]}
+        seconds = time.monotonic() - self.begin
+        means["learning_rate"] = float(self.rate(done - 1))
+        means["seconds_per_step"] = seconds / len(steps)
+        means["waiting_for_data"] = self.waited / max(seconds, 1e-9)
+        self.log.write("train", done, means)
+        self.bar.set_postfix(loss=f"{means['loss']:.4f}", badpix=f"{means['badpix']:.1f}%")
+        self.restart()
+        if not math.isfinite(means["loss"]):
+            raise InputError(
+                f"the loss is no longer finite at step {done}; go on from the last checkpoint with "
+                "a lower optimiser.peak_rate, a longer warm_up or clip, in another folder"
+            )
+
+
+@contextmanager
+def _interruption() -> Iterator[threading.Event]:
+    """An event that SIGINT or SIGTERM sets; a second one interrupts at once."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event
+        return
+
+    def note(number, frame):
+        if event.is_set():
+            raise KeyboardInterrupt
+        event.set()
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield event
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

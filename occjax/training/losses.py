@@ -1,0 +1,229 @@
+"""What training minimises: errors of disparity, of probabilities and of occlusion weights.
+
+Each error is a pure function of one light field that gives a value per pixel; means are taken over
+the pixels of a batch that count.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Bool, Float
+
+from occjax.data.samples import Sample
+from occjax.errors import InputError
+from occjax.models.cascade import StageOutput
+from occjax.ops import occlusion_weights
+from occjax.training.config import LossConfig, Penalty
+
+WEIGHT_MARGIN = 1e-4
+"""Occlusion weights are kept this far from 0 and 1, where their cross-entropy is infinite."""
+
+
+class Total(NamedTuple):
+    """A sum and the number of its terms; totals of several light fields can be added.
+
+    Attributes:
+        value: ``[]`` sum.
+        count: ``[]`` number of terms.
+    """
+
+    value: Float[Array, "*b"]
+    count: Float[Array, "*b"]
+
+
+def cascade_loss(
+    outputs: tuple[StageOutput, ...], batch: Sample, config: LossConfig
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """Loss of a batch: the weighted sum of every stage's errors (eq. 11 and its extensions).
+
+    Args:
+        outputs: Of the cascade, with a batch axis on every field.
+        batch: The examples.
+        config: Which errors, and how much each weighs.
+
+    Returns:
+        The loss, and each error's mean over the pixels that count: ``disparity_0``,
+        ``distribution_0``, ``occlusion_1`` and so on, one for each stage that has it. A mean over
+        no pixels is 0.
+
+    Raises:
+        InputError: If there is another number of stage weights than of outputs.
+    """
+    weights = config.stage_weights or (1.0,) * len(outputs)
+    if len(weights) != len(outputs):
+        raise InputError(
+            f"loss.stage_weights has {len(weights)} weights but the network {len(outputs)} "
+            "outputs; pass one for each"
+        )
+
+    def totals_of_one(outputs, sample):
+        return [
+            stage_totals(output, outputs[index - 1] if index else None, sample, config)
+            for index, output in enumerate(outputs)
+        ]
+
+    totals = jax.vmap(totals_of_one)(outputs, batch)
+    importance = {
+        "disparity": 1.0,
+        "distribution": config.distribution,
+        "occlusion": config.occlusion,
+    }
+    loss, errors = jnp.zeros(()), {}
+    for index, (weight, stage) in enumerate(zip(weights, totals, strict=True)):
+        for name, total in stage.items():
+            mean = total.value.sum() / jnp.maximum(total.count.sum(), 1.0)
+            loss = loss + weight * importance[name] * mean
+            errors[f"{name}_{index}"] = mean
+    return loss, errors
+
+
+def stage_totals(
+    output: StageOutput, before: StageOutput | None, sample: Sample, config: LossConfig
+) -> dict[str, Total]:
+    """Errors of one stage on one light field, summed over the pixels that count.
+
+    Args:
+        output: Of the stage.
+        before: Of the stage before, None for the first.
+        sample: The light field.
+        config: Which errors.
+
+    Returns:
+        Totals by the name of the error; errors of weight 0 are left out.
+    """
+    counted = inside_border(sample.valid, config.border)
+    # An unknown disparity may be NaN, which no factor of zero removes from a gradient.
+    truth = jnp.where(sample.valid, sample.disparity, 0.0)
+    error = penalty(output.disparity - truth, kind=config.penalty, width=config.huber_width)
+    totals = {"disparity": total(error, counted)}
+    if config.distribution > 0.0 and output.probabilities is not None:
+        relative = truth
+        if before is not None:
+            relative = truth - jax.lax.stop_gradient(before.disparity)
+        entropy, covered = distribution_error(output.probabilities, output.candidates, relative)
+        totals["distribution"] = total(entropy, counted & covered)
+    if config.occlusion > 0.0 and output.occlusion is not None:
+        entropy = visibility_error(occlusion_weights(output.occlusion), sample.visibility)
+        totals["occlusion"] = total(entropy, counted)
+    return totals
+
+
+def penalty(
+    error: Float[Array, "*shape"], *, kind: Penalty = "l1", width: float = 0.1
+) -> Float[Array, "*shape"]:
+    """Penalty of an error in disparity.
+
+    Args:
+        error: Estimate minus truth, pixels per view step.
+        kind: ``"l1"``: ``|e|``. ``"huber"``: ``e^2 / (2 width)`` up to the width, ``|e| - width/2``
+            beyond, also known as smooth L1.
+        width: Where the latter turns from one to the other, pixels per view step.
+
+    Returns:
+        Same shape.
+
+    Example:
+        >>> penalty(jnp.array([-0.5, 2.0]), kind="huber", width=1.0).tolist()
+        [0.125, 1.5]
+    """
+    return jnp.abs(error) if kind == "l1" else optax.huber_loss(error, delta=width) / width
+
+
+def distribution_error(
+    probabilities: Float[Array, "d p q"],
+    candidates: Float[Array, " d"],
+    truth: Float[Array, "h w"],
+) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    """Cross-entropy between a stage's probabilities and the true disparity of each pixel.
+
+    The truth is a distribution over its two neighbouring candidates, whose expectation it is. The
+    probabilities may be on a grid coarser by a whole factor; each pixel is then judged by the
+    coarse pixel that covers it, so that one across an edge is asked for both surfaces, not for a
+    disparity between them.
+
+    Args:
+        probabilities: ``[d, p, q]`` of the candidates, on the grid of the image or a coarser one.
+        candidates: ``[d]``, ascending.
+        truth: ``[h, w]`` in the same terms as the candidates: for a refined stage, relative to the
+            disparity of the stage before.
+
+    Returns:
+        ``[h, w]`` cross-entropy in nats, and ``[h, w]`` whether the candidates cover the truth;
+        elsewhere the cross-entropy means nothing.
+
+    Example:
+        >>> even = jnp.full((2, 1, 1), 0.5)
+        >>> entropy, covered = distribution_error(even, jnp.array([0.0, 1.0]), jnp.array([[0.3]]))
+        >>> round(float(entropy[0, 0]), 3), bool(covered[0, 0])
+        (0.693, True)
+    """
+    candidates = jax.lax.stop_gradient(candidates)
+    below = jnp.concatenate([2.0 * candidates[:1] - candidates[1:2], candidates[:-1]])
+    above = jnp.concatenate([candidates[1:], 2.0 * candidates[-1:] - candidates[-2:-1]])
+
+    def per_candidate(values):
+        return values[:, None, None]
+
+    rising = (truth[None] - per_candidate(below)) / per_candidate(candidates - below)
+    falling = (per_candidate(above) - truth[None]) / per_candidate(above - candidates)
+    share = jnp.clip(jnp.minimum(rising, falling), 0.0, 1.0)
+    # A probability that underflows to zero still has a gradient through the softmax above it at
+    # any positive value, so the smallest one is the right floor.
+    logarithm = jnp.log(jnp.maximum(probabilities, jnp.finfo(probabilities.dtype).tiny))
+    entropy = -(share * to_grid(logarithm, truth.shape)).sum(0)
+    return entropy, (truth >= candidates[0]) & (truth <= candidates[-1])
+
+
+def visibility_error(
+    weights: Float[Array, "v u p q"], visibility: Bool[Array, "v u h w"]
+) -> Float[Array, "h w"]:
+    """Cross-entropy between occlusion weights and exact visibility, the mean over the views.
+
+    Args:
+        weights: ``[v, u, p, q]`` in [0, 1], on the grid of the image or a coarser one.
+        visibility: ``[v, u, h, w]`` whether each view sees the point.
+
+    Returns:
+        ``[h, w]`` in nats.
+
+    Example:
+        >>> seen = jnp.array([True, False]).reshape(1, 2, 1, 1)
+        >>> round(float(visibility_error(jnp.full((1, 2, 1, 1), 0.5), seen)[0, 0]), 3)
+        0.693
+    """
+    weights = jnp.clip(to_grid(weights, visibility.shape[-2:]), WEIGHT_MARGIN, 1.0 - WEIGHT_MARGIN)
+    return -jnp.log(jnp.where(visibility, weights, 1.0 - weights)).mean((0, 1))
+
+
+def to_grid(values: Float[Array, "*n p q"], shape: tuple[int, ...]) -> Float[Array, "*n h w"]:
+    """Values on the grid of the image: those of a coarser grid are repeated.
+
+    Args:
+        values: ``[..., p, q]``.
+        shape: ``(h, w)`` of the image; each is at most a whole multiple of p and q.
+
+    Returns:
+        ``[..., h, w]``.
+    """
+    for axis, size in ((-2, shape[0]), (-1, shape[1])):
+        factor = -(-size // values.shape[axis])
+        if factor > 1:
+            values = jnp.repeat(values, factor, axis=axis)
+    return values[..., : shape[0], : shape[1]]
+
+
+def inside_border(valid: Bool[Array, "h w"], border: int) -> Bool[Array, "h w"]:
+    """The valid pixels that are at least ``border`` pixels away from each side."""
+    h, w = valid.shape
+    rows, columns = jnp.arange(h)[:, None], jnp.arange(w)[None]
+    inside = (rows >= border) & (rows < h - border) & (columns >= border) & (columns < w - border)
+    return valid & inside
+
+
+def total(values: Float[Array, "h w"], counted: Bool[Array, "h w"]) -> Total:
+    """Sum of the values of the pixels that count, and how many they are."""
+    return Total(jnp.where(counted, values, 0.0).sum(), counted.sum(dtype=jnp.float32))
