@@ -25,6 +25,7 @@ from occjax.errors import InputError
 from occjax.lightfield import GREY_WEIGHTS
 from occjax.ops import (
     aperture_costs,
+    central_differences,
     confidence,
     median_filter,
     noise_level,
@@ -231,7 +232,5 @@ def _grey_and_gradients(grey: Array) -> Array:
     Derivatives do not see vignetting and the broad part of highlights, and are what tells weakly
     textured surfaces apart.
     """
-    padded = jnp.pad(grey, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="edge")
-    along_x = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
-    along_y = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
+    along_y, along_x = central_differences(grey)
     return jnp.stack([grey, along_x, along_y], axis=-1)

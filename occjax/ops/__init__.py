@@ -4,7 +4,7 @@ Every function takes arrays without a batch axis and is meant to be vmapped; con
 signs are those of :mod:`occjax.lightfield`.
 """
 
-from occjax.ops.filtering import box_filter, fit_planes
+from occjax.ops.filtering import box_filter, central_differences, fit_planes
 from occjax.ops.geometry import view_offsets
 from occjax.ops.matching import aperture_costs, semi_global
 from occjax.ops.noise import noise_level
@@ -25,6 +25,7 @@ __all__ = [
     "Confidence",
     "aperture_costs",
     "box_filter",
+    "central_differences",
     "coarse_volume",
     "concatenate",
     "confidence",

@@ -1,7 +1,8 @@
 """Smoothing of maps and cost volumes.
 
 * :func:`box_filter`: plain means over a square window;
-* :func:`fit_planes`: weighted local planes, which follow slanted surfaces and stop at edges.
+* :func:`fit_planes`: weighted local planes, which follow slanted surfaces and stop at edges;
+* :func:`central_differences`: derivatives, the opposite of smoothing.
 """
 
 from __future__ import annotations
@@ -28,6 +29,28 @@ def box_filter(image: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h
     for axis in (image.ndim - 2, image.ndim - 1):
         image = _running_mean(image, radius, axis)
     return image
+
+
+def central_differences(
+    image: Float[Array, "*n h w"],
+) -> tuple[Float[Array, "*n h w"], Float[Array, "*n h w"]]:
+    """Derivatives along y and along x: half the difference of the two neighbours.
+
+    Args:
+        image: ``[..., h, w]`` map, or a stack of maps; borders are replicated.
+
+    Returns:
+        Two arrays ``[..., h, w]``: per pixel downwards, and per pixel to the right.
+
+    Example:
+        >>> down, right = central_differences(jnp.array([[0.0, 2.0, 4.0], [1.0, 3.0, 5.0]]))
+        >>> down[:, 1].tolist(), right[0].tolist()
+        ([0.5, 0.5], [1.0, 2.0, 1.0])
+    """
+    padded = jnp.pad(image, [(0, 0)] * (image.ndim - 2) + [(1, 1), (1, 1)], mode="edge")
+    along_y = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
+    along_x = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
+    return along_y, along_x
 
 
 def fit_planes(

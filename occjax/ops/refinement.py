@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from occjax.ops.filtering import box_filter, fit_planes
+from occjax.ops.filtering import box_filter, central_differences, fit_planes
 from occjax.ops.geometry import view_offsets
 from occjax.ops.noise import views_beside_the_centre
 from occjax.ops.sampling import as_images, warp
@@ -72,7 +72,10 @@ def refine_disparity(
         offsets = view_offsets(v, u)
     stack, offsets = features.reshape(v * u, h, w, c), offsets.reshape(-1, 2)
     centre = stack[(v // 2) * u + u // 2]
-    gradient_y, gradient_x = _central_differences(centre)
+    gradient_y, gradient_x = (
+        jnp.moveaxis(gradient, 0, -1)
+        for gradient in central_differences(jnp.moveaxis(centre, -1, 0))
+    )
     smooth_guide = box_filter(guide, 1)  # noise of the guide is no edge
     beside = views_beside_the_centre(v, u)
 
@@ -126,11 +129,3 @@ def median_filter(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
     padded = jnp.pad(image, 1, mode="edge")
     windows = [padded[y : y + h, x : x + w] for y in range(3) for x in range(3)]
     return jnp.median(jnp.stack(windows), axis=0)
-
-
-def _central_differences(image: Array) -> tuple[Array, Array]:
-    """Derivatives ``[h, w, c]`` along y and along x, borders replicated."""
-    padded = jnp.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    along_y = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / 2
-    along_x = (padded[1:-1, 2:] - padded[1:-1, :-2]) / 2
-    return along_y, along_x
