@@ -1,0 +1,253 @@
+"""Textures and outlines as small images, drawn for each scene and looked up by its rays.
+
+One bilinear lookup costs a fraction of what evaluating noise of many octaves does, and the detail
+is as fine as the pixels that will show it: textures are laid on surfaces at about one texel per
+pixel.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from occjax.data.draws import Draws, Key
+from occjax.data.scene_config import Outlines, Textures
+
+TEXTURE_SIZE = 256
+OUTLINE_SIZE = 128
+
+
+def textures(
+    key: Key,
+    count: int,
+    kinds: Textures,
+    photographs: Float[Array, "p 256 256"] | None = None,
+    photograph_share: float = 0.0,
+) -> Float[Array, "count 256 256"]:
+    """Draw textures, of values in [-1, 1] with a mean of about zero.
+
+    Args:
+        key: Random key.
+        count: Number of textures.
+        kinds: How often each kind is drawn.
+        photographs: Grey photographs in [0, 1], if any.
+        photograph_share: Share of the textures that are photographs.
+
+    Returns:
+        ``[count, 256, 256]`` textures.
+    """
+    noise_key, number_key, photograph_key = jax.random.split(key, 3)
+    draws = Draws(number_key, (count, 1, 1))
+    exponent = draws.uniform(0.3, 2.2)
+    stretch = draws.sometimes(0.4, draws.log_uniform(1.0, 6.0), 1.0)
+    first, second = noise(
+        noise_key,
+        count,
+        TEXTURE_SIZE,
+        exponent,
+        draws.angle(),
+        stretch,
+        draws.log_uniform(1.0, 8.0),
+    )
+    # Noise as it is, with hard edges, or folded into veins.
+    character, strength = draws.uniform(), draws.log_uniform(1.0, 8.0)
+    clouds = jnp.where(
+        character < 0.55,
+        jnp.clip(first / 2.5, -1.0, 1.0),
+        jnp.where(
+            character < 0.8, jnp.tanh(strength * first), jnp.tanh(1.0 - 2.0 * jnp.abs(first))
+        ),
+    )
+
+    angle, period = draws.angle(), draws.log_uniform(5.0, 50.0)
+    warp = draws.sometimes(0.5, draws.uniform(0.0, 0.5) ** 2)
+    down, across = jnp.meshgrid(*(jnp.arange(TEXTURE_SIZE, dtype=jnp.float32),) * 2, indexing="ij")
+    down, across = down[None], across[None]
+    x = (jnp.cos(angle) * across + jnp.sin(angle) * down) / period + warp * first
+    y = (jnp.cos(angle) * down - jnp.sin(angle) * across) / period + warp * second
+    y = y * draws.log_uniform(0.5, 2.0)
+    sharpness = period * draws.log_uniform(0.15, 1.0)  # an edge of one texel, or a soft one
+
+    duty = draws.uniform(-0.7, 0.7)
+    stripes = jnp.tanh(sharpness * (_wave(x) - duty))
+    checks = jnp.tanh(sharpness * _wave(x)) * jnp.tanh(sharpness * _wave(y))
+    tone = _cell_values(x, y)
+    size = draws.uniform(0.2, 0.48) * jnp.where(draws.chance(0.5), 1.0, 0.6 + 0.4 * tone)
+    inside = jnp.hypot(x - jnp.floor(x) - 0.5, y - jnp.floor(y) - 0.5)
+    dots = jnp.tanh(3.0 * sharpness * (size - inside))
+    course = jnp.floor(y)
+    along = x + 0.5 * jnp.mod(course, 2.0)
+    joint = jnp.minimum(_to_line(along), 0.5 * _to_line(y)) - draws.uniform(0.01, 0.05)
+    bricks = jnp.where(joint < 0.0, draws.signed(0.5, 1.0), 0.6 * _cell_values(along, y))
+    radius = jnp.hypot(across - 128.0 + 60.0 * warp * first, down - 128.0) / 128.0
+    ramp = jnp.where(
+        draws.chance(0.5), _wave(0.04 * period * x), _wave(radius * draws.uniform(0.1, 0.6))
+    )
+
+    candidates = [clouds, stripes, checks, dots, bricks, tone, ramp]
+    kind = draws.kind(dataclasses.astuple(kinds))
+    chosen = sum(jnp.where(kind == i, candidate, 0.0) for i, candidate in enumerate(candidates))
+    mottling = jnp.where(kind == 0, 0.0, draws.sometimes(0.6, draws.uniform(0.0, 0.4)))
+    chosen = chosen * (1.0 - mottling) + mottling * jnp.clip(second / 2.5, -1.0, 1.0)
+    if photographs is not None and photograph_share > 0.0:
+        pictures = _pictures(photograph_key, count, photographs)
+        chosen = jnp.where(draws.chance(photograph_share), pictures, chosen)
+    return jnp.clip(chosen, -1.0, 1.0)
+
+
+def outlines(key: Key, count: int, kinds: Outlines) -> Float[Array, "count 128 128"]:
+    """Draw outlines over the square [-1, 1]^2 of y and x: positive inside, zero on the edge.
+
+    Args:
+        key: Random key.
+        count: Number of outlines.
+        kinds: How often each kind is drawn.
+
+    Returns:
+        ``[count, 128, 128]`` levels, nowhere steeper than a distance by much.
+    """
+    noise_key, number_key, leaf_key = jax.random.split(key, 3)
+    draws = Draws(number_key, (count, 1, 1))
+    axis = jnp.linspace(-1.0, 1.0, OUTLINE_SIZE)
+    y, x = jnp.broadcast_to(axis[None, :, None], (1, 128, 128)), axis[None, None, :]
+    radius = jnp.hypot(x, y)
+    rough, other = noise(
+        noise_key,
+        count,
+        OUTLINE_SIZE,
+        draws.uniform(1.2, 2.2),
+        draws.angle(),
+        draws.log_uniform(1.0, 3.0),
+        draws.log_uniform(1.0, 6.0),
+    )
+
+    square = 0.97 - jnp.maximum(jnp.abs(x), jnp.abs(y))
+    plain = jnp.where(draws.chance(0.6), square, 0.97 - radius)
+
+    polygon = square + 0.0 * rough
+    for corner in range(6):
+        turn = draws.uniform(corner, corner + 1.0) * (np.pi / 3.0)
+        polygon = jnp.minimum(
+            polygon, draws.uniform(0.35, 0.95) - x * jnp.cos(turn) - y * jnp.sin(turn)
+        )
+    frame = jnp.minimum(polygon, draws.uniform(0.04, 0.2) - polygon)
+    polygon = jnp.where(draws.chance(0.25), frame, polygon)
+
+    blob = 0.7 - radius + draws.uniform(0.05, 0.4) * jnp.clip(rough, -2.0, 2.0)
+    blob = jnp.minimum(blob, square)
+    holes = jnp.minimum(
+        0.15 * (rough + draws.uniform(-0.7, 0.7)),
+        jnp.where(draws.chance(0.5), square, 0.9 - radius + 0.1 * other),
+    )
+
+    width, lines = draws.log_uniform(0.02, 0.12), draws.uniform(0.6, 4.0)
+    upright = width - _to_line(lines * x + draws.uniform()) / lines
+    level = width * draws.uniform(0.5, 1.5) - _to_line(lines * y + draws.uniform()) / lines
+    grids = jnp.where(draws.chance(0.4), upright, jnp.maximum(upright, level))
+    grids = jnp.minimum(grids, square)
+
+    wires = jnp.full((1, 1, 1), -1.0)
+    for _ in range(4):
+        turn, bend = draws.angle(), draws.uniform(-0.6, 0.6)
+        along = x * jnp.cos(turn) + y * jnp.sin(turn)
+        height = y * jnp.cos(turn) - x * jnp.sin(turn) - bend * (along**2 - 0.3)
+        wires = jnp.maximum(
+            wires, draws.log_uniform(0.012, 0.06) - jnp.abs(height + draws.uniform(-0.5, 0.5))
+        )
+    wires = jnp.minimum(wires, square)
+
+    candidates = [plain, polygon, blob, holes, grids, wires, _leaves(leaf_key, count, x, y)]
+    kind = draws.kind(dataclasses.astuple(kinds))
+    return sum(jnp.where(kind == i, candidate, 0.0) for i, candidate in enumerate(candidates))
+
+
+def noise(
+    key: Key,
+    count: int,
+    size: int,
+    exponent: Float[Array, "count 1 1"],
+    angle: Float[Array, "count 1 1"],
+    stretch: Float[Array, "count 1 1"],
+    coarsest: Float[Array, "count 1 1"],
+) -> tuple[Float[Array, "count size size"], Float[Array, "count size size"]]:
+    """Two independent periodic random fields of one spectrum, of mean 0 and deviation 1.
+
+    Amplitude falls as ``1 / f^exponent`` and is flat below the frequency ``coarsest``. White noise
+    is shaped in the frequency domain; real and imaginary part of the result are independent.
+
+    Args:
+        key: Random key.
+        count: Number of pairs.
+        size: Pixels of a side.
+        exponent: Of the spectrum; 1 is that of natural images.
+        angle: Direction in which the noise is stretched, in radians.
+        stretch: How much; 1 is not.
+        coarsest: Periods per side of the coarsest structures.
+    """
+    white = jax.random.uniform(key, (2, count, size, size)) - 0.5
+    frequency = jnp.asarray(np.fft.fftfreq(size, 1.0 / size), jnp.float32)
+    down, across = frequency[None, :, None], frequency[None, None, :]
+    along = (jnp.cos(angle) * across + jnp.sin(angle) * down) * stretch
+    beside = jnp.cos(angle) * down - jnp.sin(angle) * across
+    squared = along**2 + beside**2
+    amplitude = (squared + coarsest**2) ** (-0.5 * exponent)
+    amplitude = jnp.where(squared > 0.0, amplitude, 0.0)
+    field = jnp.fft.ifft2(jax.lax.complex(white[0], white[1]) * amplitude.astype(jnp.complex64))
+    scale = jax.lax.rsqrt(jnp.mean(jnp.square(field.real), axis=(1, 2), keepdims=True) + 1e-20)
+    return field.real * scale, field.imag * scale
+
+
+def _leaves(key: Key, count: int, x, y, leaves: int = 9) -> Float[Array, "count 128 128"]:
+    """Leaves along a bent twig."""
+    draws = Draws(key, (leaves, count, 1, 1))
+    turns, starts = draws.angle(), draws.uniform(-0.8, 0.4)
+    lengths, widths = draws.uniform(0.35, 0.9), draws.uniform(0.06, 0.2)
+    twig = Draws(jax.random.fold_in(key, 1), (count, 1, 1))
+    bend, thickness = twig.uniform(-0.5, 0.5), twig.uniform(0.008, 0.03)
+    stem = jnp.minimum(thickness - jnp.abs(x - bend * (y**2 - 0.3)), 0.8 - jnp.abs(y))
+
+    def add(level, leaf):
+        turn, start, length, width = leaf
+        left, top = x - bend * (start**2 - 0.3), y - start
+        along = (left * jnp.cos(turn) + top * jnp.sin(turn)) / length
+        beside = jnp.abs(top * jnp.cos(turn) - left * jnp.sin(turn))
+        blade = width * 4.0 * along * (1.0 - along) - beside
+        return jnp.maximum(level, blade), None
+
+    level, _ = jax.lax.scan(add, stem, (turns, starts, lengths, widths))
+    edge = 0.99 - jnp.maximum(jnp.abs(x), jnp.abs(y))
+    return jnp.minimum(level, edge)
+
+
+def _pictures(key: Key, count: int, photographs) -> Float[Array, "count 256 256"]:
+    """Photographs chosen at random, mirrored and turned, with contrast stretched."""
+    draws = Draws(key, (count,))
+    index = (draws.uniform() * photographs.shape[0]).astype(jnp.int32)
+    chosen = photographs[jnp.minimum(index, photographs.shape[0] - 1)]
+    mean = jnp.mean(chosen, axis=(1, 2), keepdims=True)
+    spread = jnp.std(chosen, axis=(1, 2), keepdims=True) + 1e-3
+    chosen = jnp.clip((chosen - mean) / (2.5 * spread), -1.0, 1.0)
+    for axes in ((1,), (2,)):
+        flip = draws.chance(0.5)[:, None, None]
+        chosen = jnp.where(flip, jnp.flip(chosen, axes), chosen)
+    return jnp.where(draws.chance(0.5)[:, None, None], chosen.swapaxes(1, 2), chosen)
+
+
+def _wave(value):
+    """Triangle wave of period 1 between -1 and 1."""
+    return 4.0 * jnp.abs(value - jnp.floor(value) - 0.5) - 1.0
+
+
+def _to_line(value):
+    """Distance to the nearest whole number."""
+    return 0.5 - jnp.abs(value - jnp.floor(value) - 0.5)
+
+
+def _cell_values(x, y):
+    """A value in [-1, 1] for each unit cell, without order to the eye."""
+    mixed = jnp.sin(12.9898 * jnp.floor(x) + 78.233 * jnp.floor(y)) * 437.5453
+    return 2.0 * (mixed - jnp.floor(mixed)) - 1.0

@@ -1,0 +1,391 @@
+"""Random scenes: which surfaces there are, where they are and what they look like.
+
+Lengths are in pixels from the image centre; depth is ``relief`` pixels per unit of disparity.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from occjax.data import patterns
+from occjax.data.draws import Draws, Key
+from occjax.data.patches import Geometry, Quadrics
+from occjax.data.scene_config import SceneConfig
+from occjax.data.shading import Light, Materials
+
+NOWHERE = -1e4
+"""Disparity of walls that are not there."""
+
+UNCUT = 1e6
+"""Half the size of the box of a surface that is not cut."""
+
+
+class RandomScene(NamedTuple):
+    """Everything that a light field depends on but the camera."""
+
+    geometry: Geometry
+    materials: Materials
+    textures: Float[Array, "t m m"]
+    light: Light
+
+
+class _Space(NamedTuple):
+    """Where the surfaces of a scene may be."""
+
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+    relief: Float[Array, ""]
+
+
+class _Walls(NamedTuple):
+    """Planes ``d = level + across X + down Y`` that the walls are or bend away from."""
+
+    level: Float[Array, " n"]
+    across: Float[Array, " n"]
+    down: Float[Array, " n"]
+
+    def disparity(self, y: Float[Array, " k"], x: Float[Array, " k"]) -> Float[Array, " k"]:
+        """Disparity of the nearest wall, bends aside."""
+        planes = self.level[:, None] + self.across[:, None] * x[None] + self.down[:, None] * y[None]
+        return jnp.max(planes, axis=0)
+
+
+def random_scene(
+    key: Key, config: SceneConfig, photographs: Float[Array, "p 256 256"] | None = None
+) -> RandomScene:
+    """Draw a scene.
+
+    Args:
+        key: Random key.
+        config: The distribution.
+        photographs: ``[p, 256, 256]`` grey photographs in [0, 1] to use as textures, if any.
+
+    Returns:
+        The scene.
+    """
+    keys = jax.random.split(key, 8)
+    space = _draw_space(Draws(keys[0]), config)
+    walls, planes = _draw_walls(Draws(keys[1], (config.walls - 1,)), config, space)
+    scene_draws = Draws(keys[2])
+    density = scene_draws.uniform(0.15, 1.0)
+    sheets = _draw_sheets(Draws(keys[3], (config.sheets,)), config, space, planes, density)
+    solids, group = _draw_solids(Draws(keys[4], (config.solids,)), config, space, planes, density)
+    geometry = Geometry(
+        walls=walls,
+        sheets=sheets,
+        outlines=patterns.outlines(keys[5], config.sheets, config.outlines),
+        solids=solids,
+        limits=jnp.stack([space.low, space.high]),
+    )
+    materials = _draw_materials(keys[6], config, space, geometry, group)
+    textures = patterns.textures(
+        keys[7], config.texture_count, config.textures, photographs, config.photographs
+    )
+    return RandomScene(geometry, materials, textures, _draw_light(scene_draws, config, space))
+
+
+def _draw_space(draws: Draws, config: SceneConfig) -> _Space:
+    """Range of disparity, and depth per unit of disparity."""
+    lowest, highest = config.disparity_range
+    width = draws.log_uniform(*config.disparity_width)
+    low = draws.uniform(lowest, highest - width)
+    side = min(config.image_size)
+    relief = jnp.maximum(draws.log_uniform(0.12 * side, 1.0 * side), 0.35 * side / width)
+    return _Space(low, jnp.minimum(low + width, highest), relief)
+
+
+def _draw_walls(draws: Draws, config: SceneConfig, space: _Space) -> tuple[Quadrics, _Walls]:
+    """A plane at the lowest disparity, a wall or floor that fills the image, and some more."""
+    count = config.walls - 1
+    h, w = config.image_size
+    half = 0.5 * max(h, w)
+    width = space.high - space.low
+    first = jnp.arange(count) == 0
+
+    # The first wall stays in the range over the image; others cut it along a line.
+    level = space.low + width * draws.uniform(0.03, 0.6)
+    room = jnp.minimum(level - space.low, 0.8 * (space.high - level)) / (1.3 * half)
+    strength = jnp.where(first, draws.uniform(), draws.uniform(1.0, 4.0))
+    steepest = 3.0 / space.relief
+    slope = jnp.minimum(room * strength, steepest)
+    slope = draws.sometimes(config.slanted, slope)
+    turn = draws.angle()
+    across, down = slope * jnp.cos(turn), slope * jnp.sin(turn)
+    x, y = draws.uniform(-half, half), draws.uniform(-half, half)
+    if count:
+        # The line where a further wall leaves the first passes through a random point.
+        base = level[0] + across[0] * x + down[0] * y
+        level = jnp.where(first, level, base - across * x - down * y)
+    present = first | draws.chance(0.35)
+    level = jnp.where(present, level, NOWHERE)
+
+    turn = draws.angle()
+    reach = jnp.where(first, room / half, 0.3 * width / half**2) * draws.uniform(-1.0, 1.0)
+    bend = draws.sometimes(config.curved, reach)
+    other = bend * draws.sometimes(0.4, draws.uniform(-1.0, 1.0))
+    zero, one = jnp.zeros(count), jnp.ones(count)
+    linear = jnp.stack(
+        [
+            jnp.stack([jnp.cos(turn), jnp.sin(turn), zero], axis=-1),
+            jnp.stack([-jnp.sin(turn), jnp.cos(turn), zero], axis=-1),
+            jnp.stack([-across, -down, one], axis=-1),
+        ],
+        axis=1,
+    )
+    shift = jnp.stack([zero, zero, -level], axis=-1)
+    backdrop = Quadrics(
+        linear=jnp.eye(3)[None],
+        shift=jnp.stack([0.0, 0.0, -space.low])[None],
+        curvature=jnp.zeros((1, 3)),
+        slope=-jnp.ones(1),
+        constant=jnp.zeros(1),
+        half=jnp.full((1, 3), UNCUT),
+    )
+    walls = Quadrics(
+        linear=linear,
+        shift=shift,
+        curvature=jnp.stack([bend, other, zero], axis=-1),
+        slope=-one,
+        constant=zero,
+        half=jnp.full((count, 3), UNCUT),
+    )
+    planes = _Walls(
+        jnp.concatenate([space.low[None], level]),
+        jnp.concatenate([jnp.zeros(1), across]),
+        jnp.concatenate([jnp.zeros(1), down]),
+    )
+    return _joined(backdrop, walls), planes
+
+
+def _draw_sheets(
+    draws: Draws, config: SceneConfig, space: _Space, planes: _Walls, density
+) -> Quadrics:
+    """Cards, leaves, fences: thin things with an outline, flat or bent."""
+    count = config.sheets
+    h, w = config.image_size
+    side = min(h, w)
+    y, x = draws.uniform(-0.55 * h, 0.55 * h), draws.uniform(-0.55 * w, 0.55 * w)
+    large = draws.log_uniform(0.06 * side, 0.6 * side)
+    small = large * draws.log_uniform(0.3, 1.0)
+    tilt = draws.sometimes(0.7, draws.uniform(0.0, 1.2))
+    rotation = _rotation(draws.angle(), tilt, draws.angle())
+
+    wall = planes.disparity(y, x)
+    room = jnp.maximum(space.high - wall, 0.0)
+    # Depth between the sheet's ends must fit between the wall and the front.
+    depth = (jnp.abs(rotation[:, 0, 2]) * large + jnp.abs(rotation[:, 1, 2]) * small) / space.relief
+    relief = space.relief * jnp.maximum(1.0, depth / (0.45 * room + 1e-3))
+    depth = jnp.minimum(depth, 0.45 * room)
+    floating = wall + depth + (room - 2.0 * depth) * draws.uniform() ** 1.5
+    d = draws.sometimes(config.contacts, wall + depth + 0.02 * room, floating)
+
+    bend = draws.sometimes(config.curved, draws.uniform(-0.7, 0.7))
+    other = bend * draws.sometimes(0.3, draws.uniform(-1.0, 1.0))
+    present = draws.chance(density) & (room > 0.0)
+    size = jnp.stack([large, small, large], axis=-1)
+    linear, shift = _placed(rotation, size, relief, x, y, d)
+    return Quadrics(
+        linear=linear,
+        # What is not there lies beyond its outline everywhere.
+        shift=jnp.where(present[:, None], shift, jnp.array([0.0, 0.0, NOWHERE])),
+        curvature=jnp.stack([bend, other, jnp.zeros(count)], axis=-1),
+        slope=-jnp.ones(count),
+        constant=jnp.zeros(count),
+        half=jnp.full((count, 3), UNCUT),
+    )
+
+
+def _draw_solids(
+    draws: Draws, config: SceneConfig, space: _Space, planes: _Walls, density
+) -> tuple[Quadrics, Int[Array, " n"]]:
+    """Boxes, ellipsoids, cylinders and rods; some form groups of overlapping solids."""
+    count = config.solids
+    h, w = config.image_size
+    side = min(h, w)
+    weights = dataclasses.astuple(config.solid_kinds)
+    kind = draws.kind(weights)
+    box, ellipsoid, rod = kind == 0, kind == 1, kind == 3
+    y, x = draws.uniform(-0.5 * h, 0.5 * h), draws.uniform(-0.5 * w, 0.5 * w)
+    size = draws.log_uniform(0.05 * side, 0.42 * side)
+    thin = draws.log_uniform(1.2, 0.05 * side)
+    aspects = jnp.stack([draws.uniform(0.35, 1.0) for _ in range(3)], axis=-1)
+    half = aspects * size[:, None]
+    long = draws.uniform(0.25 * side, 0.9 * side)
+    half = jnp.where(rod[:, None], jnp.stack([thin, thin, long], axis=-1), half)
+
+    # Pairs and triples of neighbours in the list become one thing with the looks of the first.
+    leader = jnp.maximum(jnp.arange(count) - jnp.arange(count) % 3, 0)
+    grouped = draws.chance(config.clusters)[leader] & ~rod
+    follows = grouped & (leader != jnp.arange(count)) if count else grouped
+    spread = 0.8 * size[leader]
+    x = jnp.where(follows, x[leader] + spread * draws.uniform(-1.0, 1.0), x)
+    y = jnp.where(follows, y[leader] + spread * draws.uniform(-1.0, 1.0), y)
+
+    upright = draws.chance(0.4)
+    spin = draws.angle()
+    rotation = jnp.where(
+        upright[:, None, None],
+        _rotation(spin, jnp.full(count, 0.5 * jnp.pi) + draws.uniform(-0.3, 0.3), 0.0 * spin),
+        _rotation(draws.angle(), draws.uniform(0.0, jnp.pi), draws.angle()),
+    )
+    wall = planes.disparity(y, x)
+    room = jnp.maximum(space.high - wall, 0.0)
+    depth = jnp.sum(jnp.abs(rotation[:, :, 2]) * half, axis=-1) / space.relief
+    relief = space.relief * jnp.maximum(1.0, depth / (0.45 * room + 1e-3))
+    depth = jnp.minimum(depth, 0.45 * room)
+    floating = wall + depth + (room - 2.0 * depth) * draws.uniform() ** 1.5
+    resting = wall + depth * draws.uniform(0.2, 1.0)
+    d = jnp.where(draws.chance(config.contacts), resting, floating)
+    d = jnp.where(follows, d[leader] + depth * draws.uniform(-0.5, 0.5), d)
+
+    linear, shift = _placed(rotation, jnp.ones((count, 3)), relief, x, y, d)
+    present = draws.chance(density) & (room > 0.0) & (sum(weights) > 0.0)
+    inverse = 1.0 / half**2
+    round_in = jnp.stack([~box, ~box, ellipsoid], axis=-1)
+    quadrics = Quadrics(
+        linear=linear,
+        shift=shift,
+        curvature=jnp.where(round_in, inverse, 0.0),
+        slope=jnp.zeros(count),
+        constant=-jnp.ones(count),
+        half=jnp.where(present[:, None], half * jnp.where(round_in, 1.01, 1.0), -1.0),
+    )
+    return quadrics, jnp.where(follows, leader, jnp.arange(count))
+
+
+def _draw_materials(
+    key: Key, config: SceneConfig, space: _Space, geometry: Geometry, group: Int[Array, " n"]
+) -> Materials:
+    """Looks of all surfaces."""
+    table = _joined(geometry.walls, geometry.sheets, geometry.solids)
+    count = table.slope.shape[0]
+    scene_key, key = jax.random.split(key)
+    scene, draws = Draws(scene_key), Draws(key, (count,))
+    texture_count = config.texture_count
+
+    def index():
+        return jnp.minimum((draws.uniform() * texture_count).astype(jnp.int32), texture_count - 1)
+
+    texture, detail = index(), index()
+    calm = jnp.where(scene.chance(config.calm), 0.08, 1.0)
+    contrast = draws.sometimes(
+        config.low_contrast, draws.log_uniform(0.008, 0.06), draws.uniform(0.1, 0.9)
+    )
+    contrast = draws.sometimes(config.textureless, 0.0, calm * contrast)
+    strong = draws.sometimes(0.5, 0.0, draws.log_uniform(0.03, 0.6))
+    detail_contrast = jnp.where(contrast > 0.0, jnp.minimum(strong, contrast), 0.0)
+    tone = draws.uniform(0.04, 0.9)
+    alike = draws.chance(config.similar)
+    # Followers in a group look like its leader, and some things like the wall.
+    first_solid = count - config.solids
+    leaders = jnp.concatenate([jnp.arange(first_solid), first_solid + group])
+    like = jnp.where(alike[leaders], min(1, config.walls - 1), leaders)
+    varied = 1.0 + draws.sometimes(0.6, draws.uniform(-0.12, 0.12))
+
+    # Texels are laid along the surface: two directions at right angles to its own z axis.
+    normal = table.linear[:, 2].at[:, 2].divide(space.relief)
+    normal = normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
+    tilted = (
+        normal
+        + jnp.stack([draws.uniform(-0.5, 0.5) for _ in range(3)], axis=-1)
+        * (jnp.arange(count) >= first_solid).astype(jnp.float32)[:, None]
+    )
+    normal = tilted / jnp.linalg.norm(tilted, axis=-1, keepdims=True)
+    turn = draws.angle()
+    helper = jnp.stack([jnp.cos(turn), jnp.sin(turn), 0.3 * jnp.sin(3.0 * turn)], axis=-1)
+    first = jnp.cross(normal, helper)
+    first = first / (jnp.linalg.norm(first, axis=-1, keepdims=True) + 1e-6)
+    second = jnp.cross(normal, first)
+    texels = draws.log_uniform(0.4, 1.5)[like]
+    lay = jnp.stack([first, second], axis=1) * texels[:, None, None]
+    lay = lay.at[:, :, 2].multiply(space.relief)
+    start = jnp.stack([draws.uniform(0.0, 256.0), draws.uniform(0.0, 256.0)], axis=-1)
+
+    glossy = scene.chance(config.highlights)
+    gloss = draws.sometimes(0.6, draws.uniform(0.1, 0.7)) * jnp.where(glossy, 1.0, 0.0)
+    mirrors = scene.chance(config.reflections)
+    mirror = draws.sometimes(0.4, draws.uniform(0.02, 0.15)) * jnp.where(mirrors, 1.0, 0.0)
+    return Materials(
+        lay=lay,
+        start=start,
+        texture=texture[like],
+        detail=detail[like],
+        detail_scale=draws.log_uniform(0.2, 1.0),
+        tone=(tone[like] * varied),
+        contrast=contrast[like],
+        detail_contrast=detail_contrast[like],
+        gloss=gloss[leaders],
+        sharpness=draws.log_uniform(6.0, 250.0)[leaders],
+        mirror=mirror[leaders],
+    )
+
+
+def _draw_light(draws: Draws, config: SceneConfig, space: _Space) -> Light:
+    """Where the lamp is, and how dark it is without it."""
+    side = max(config.image_size)
+    turn, slant = draws.angle(), draws.uniform(0.1, 1.2)
+    distance = draws.log_uniform(0.8 * side, 5.0 * side)
+    away = distance * jnp.tan(slant) * 0.6
+    front = space.relief * space.high + distance
+    lamp = jnp.stack([away * jnp.cos(turn), away * jnp.sin(turn), front])
+    # Rays along the light move by this much per unit of disparity; too far would leave the map.
+    reach = jnp.minimum(jnp.tan(slant) * space.relief, 28.0 / (space.high - space.low))
+    cast = reach * jnp.stack([jnp.sin(turn), jnp.cos(turn)])
+    return Light(
+        relief=space.relief,
+        lamp=lamp,
+        reach=distance * draws.uniform(0.7, 2.0),
+        strength=draws.sometimes(config.shading, draws.uniform(0.3, 0.9)),
+        cast=cast,
+        shadow=draws.sometimes(config.shadows, draws.uniform(0.4, 1.0)),
+        softness=draws.log_uniform(0.7, 8.0),
+        crease=draws.sometimes(config.creases, draws.uniform(0.2, 0.8)),
+        surroundings=jnp.zeros((), jnp.int32),
+        convergence=draws.uniform(0.0, 0.6),
+        swing=draws.log_uniform(0.5, 4.0),
+    )
+
+
+def _rotation(
+    spin: Float[Array, " n"], tilt: Float[Array, " n"], turn: Float[Array, " n"]
+) -> Float[Array, "n 3 3"]:
+    """Rotations of own to metric coordinates, transposed: rows are the own axes."""
+    cos_a, sin_a, cos_b, sin_b = jnp.cos(spin), jnp.sin(spin), jnp.cos(tilt), jnp.sin(tilt)
+    cos_c, sin_c = jnp.cos(turn), jnp.sin(turn)
+    zero = jnp.zeros_like(spin)
+    first = jnp.stack(
+        [
+            cos_a * cos_c - sin_a * cos_b * sin_c,
+            cos_a * sin_c + sin_a * cos_b * cos_c,
+            sin_a * sin_b,
+        ],
+        axis=-1,
+    )
+    second = jnp.stack(
+        [
+            -sin_a * cos_c - cos_a * cos_b * sin_c,
+            -sin_a * sin_c + cos_a * cos_b * cos_c,
+            cos_a * sin_b,
+        ],
+        axis=-1,
+    )
+    third = jnp.stack([sin_b * sin_c, -sin_b * cos_c, cos_b + zero], axis=-1)
+    return jnp.stack([first, second, third], axis=1)
+
+
+def _placed(rotation, size, relief, x, y, d):
+    """Map from ``(X, Y, d)`` to own coordinates of things at a place."""
+    linear = rotation / size[:, :, None]
+    linear = linear.at[:, :, 2].multiply(relief[:, None])
+    centre = jnp.stack([x, y, d], axis=-1)
+    return linear, -jnp.sum(linear * centre[:, None, :], axis=-1)
+
+
+def _joined(*parts: Quadrics) -> Quadrics:
+    """Several lists of surfaces as one."""
+    return Quadrics(*(jnp.concatenate(values) for values in zip(*parts, strict=True)))

@@ -1,0 +1,193 @@
+"""What random scenes are made of, and how often."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from occjax.errors import InputError
+
+Views = Literal["all", "star", "cross"]
+
+
+@dataclass(frozen=True)
+class Textures:
+    """How often a texture is of each kind, relative to the others."""
+
+    noise: float = 4.0
+    stripes: float = 1.0
+    checks: float = 0.7
+    dots: float = 0.7
+    bricks: float = 0.7
+    mosaics: float = 1.0
+    gradients: float = 1.0
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """How often the outline of a sheet is of each kind, relative to the others.
+
+    Attributes:
+        plain: Rectangles and ellipses.
+        polygons: Convex polygons, some with a hole.
+        noise: Blobs with a ragged edge.
+        holes: Sheets full of holes.
+        grids: Straight rods: fences, grids, bars.
+        wires: A few bent wires.
+        leaves: Leaves on a twig.
+    """
+
+    plain: float = 1.5
+    polygons: float = 1.5
+    noise: float = 1.0
+    holes: float = 0.6
+    grids: float = 0.7
+    wires: float = 0.7
+    leaves: float = 1.0
+
+
+@dataclass(frozen=True)
+class Solids:
+    """How often a solid is of each kind, relative to the others; rods are long and thin."""
+
+    boxes: float = 1.0
+    ellipsoids: float = 1.2
+    cylinders: float = 0.8
+    rods: float = 0.6
+
+
+@dataclass(frozen=True)
+class Defects:
+    """Probability of each fault of the camera in a light field."""
+
+    noise: float = 0.5
+    vignetting: float = 0.25
+    blur: float = 0.3
+    gamma: float = 0.5
+    quantisation: float = 0.8
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """A distribution of random light fields.
+
+    Every probability of zero and every kind of weight zero switches an ingredient off.
+
+    Attributes:
+        image_size: ``(H, W)`` of each view, in pixels.
+        grid: ``(V, U)`` number of views.
+        views: Which views of the grid are made: ``"all"``; ``"cross"``, the middle row and column;
+            ``"star"``, these and both diagonals.
+        rays: Rays per pixel; a square number.
+        disparity_range: Lowest and highest disparity of the centre view, in pixels per view step.
+        disparity_width: Smallest and largest difference between the highest and the lowest
+            disparity of one scene; in between, all orders of magnitude are equally likely.
+        walls: Largest number of unbounded surfaces behind everything.
+        sheets: Largest number of thin, bounded surfaces.
+        solids: Largest number of solids.
+        texture_count: Number of textures that the surfaces of one scene share.
+        textures: Kinds of texture.
+        outlines: Kinds of outline.
+        solid_kinds: Kinds of solid.
+        photographs: Share of textures taken from photographs, if there are any.
+        slanted: Probability that a wall is not fronto-parallel.
+        curved: Probability that a wall or a sheet is bent.
+        contacts: Probability that something touches the wall behind it.
+        clusters: Probability that neighbours in the list of surfaces form one thing.
+        low_contrast: Probability that a surface has hardly any texture.
+        textureless: Probability that a surface has none.
+        calm: Probability that all surfaces of a scene have little texture.
+        similar: Probability that a thing looks much like the wall.
+        shading: Probability that brightness depends on slant and on the distance to a lamp.
+        shadows: Probability that things cast shadows.
+        creases: Probability that corners and gaps are darker.
+        highlights: Probability that the surfaces of a scene have highlights, which move with the
+            view.
+        reflections: Probability that the surfaces of a scene mirror their surroundings, faintly.
+        defects: Faults of the camera.
+    """
+
+    image_size: tuple[int, int] = (128, 128)
+    grid: tuple[int, int] = (9, 9)
+    views: Views = "star"
+    rays: int = 4
+    disparity_range: tuple[float, float] = (-4.0, 4.0)
+    disparity_width: tuple[float, float] = (0.4, 8.0)
+    walls: int = 3
+    sheets: int = 8
+    solids: int = 6
+    texture_count: int = 12
+    textures: Textures = Textures()
+    outlines: Outlines = Outlines()
+    solid_kinds: Solids = Solids()
+    photographs: float = 0.3
+    slanted: float = 0.8
+    curved: float = 0.35
+    contacts: float = 0.45
+    clusters: float = 0.35
+    low_contrast: float = 0.2
+    textureless: float = 0.1
+    calm: float = 0.15
+    similar: float = 0.2
+    shading: float = 0.85
+    shadows: float = 0.6
+    creases: float = 0.5
+    highlights: float = 0.35
+    reflections: float = 0.2
+    defects: Defects = Defects()
+
+    def __post_init__(self) -> None:
+        """Check what the generator relies on."""
+        low, high = self.disparity_range
+        if not low < high:
+            raise InputError(f"disparity_range: needs minimum < maximum, not {low} {high}")
+        smallest, largest = self.disparity_width
+        if not 0.0 < smallest <= largest <= high - low + 1e-6:
+            raise InputError(
+                f"disparity_width: needs 0 < smallest <= largest <= {high - low:g}, the width of "
+                f"disparity_range, not {smallest} {largest}"
+            )
+        if self.views not in get_args(Views):
+            raise InputError(f'views: must be one of {get_args(Views)}, not "{self.views}"')
+        v, u = self.grid
+        if self.views != "all" and (v % 2 == 0 or u % 2 == 0 or (self.views == "star" and v != u)):
+            raise InputError(
+                f'grid: "{self.views}" needs an odd grid, square for a star: not {v}x{u}'
+            )
+        if self.rays < 1 or round(self.rays**0.5) ** 2 != self.rays:
+            raise InputError(f"rays: must be a square number, not {self.rays}")
+        if self.walls < 1 or min(self.sheets, self.solids) < 0 or self.texture_count < 1:
+            raise InputError("walls and texture_count must be at least 1, sheets and solids 0")
+        if sum(dataclasses.astuple(self.textures)) <= 0.0:
+            raise InputError("textures: one kind at least must have a weight above 0")
+
+
+def arrangement(grid: tuple[int, int], views: Views) -> np.ndarray:
+    """Offsets of the views that are made.
+
+    Args:
+        grid: ``(V, U)`` number of views.
+        views: Which of them.
+
+    Returns:
+        ``[v, u, 2]`` float32 offset (row, column) of each view from the centre view, which is at
+        ``[v // 2, u // 2]``; ``[1, n, 2]`` for a cross or a star, top to bottom, left to right.
+
+    Example:
+        >>> arrangement((9, 9), "star").shape
+        (1, 33, 2)
+        >>> arrangement((3, 3), "cross")[0].tolist()
+        [[-1.0, 0.0], [0.0, -1.0], [0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]
+    """
+    v, u = grid
+    rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
+    offsets = np.stack([rows, columns], axis=-1).astype(np.float32)
+    if views == "all":
+        return offsets
+    kept = (rows == 0) | (columns == 0)
+    if views == "star":
+        kept |= np.abs(rows) == np.abs(columns)
+    return offsets[kept][None]

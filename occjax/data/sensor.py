@@ -1,0 +1,69 @@
+"""Faults of cameras, applied to rendered views."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from occjax.data.draws import Draws, Key
+from occjax.data.scene_config import Defects
+
+
+def expose(
+    key: Key,
+    views: Float[Array, "n h w"],
+    offsets: Float[Array, "n 2"],
+    defects: Defects,
+) -> Float[Array, "n h w"]:
+    """Views as a camera delivers them.
+
+    In this order: exposure (a random mean brightness), vignetting, blur as of demosaicing, sensor
+    noise, gamma, clipping, 8 bits.
+
+    Args:
+        key: Random key.
+        views: ``[n, h, w]`` brightness, at least 0.
+        offsets: ``[n, 2]`` offset of each view from the centre view.
+        defects: Probability of each fault.
+
+    Returns:
+        ``[n, h, w]`` in [0, 1].
+    """
+    number_key, noise_key = jax.random.split(key)
+    draws = Draws(number_key)
+    views = views * (draws.log_uniform(0.18, 0.6) / (jnp.mean(views) + 1e-3))
+
+    views = views * _vignetting(draws, views.shape, offsets, draws.chance(defects.vignetting))
+    side = draws.sometimes(defects.blur, draws.uniform(0.03, 0.25))
+    padded = jnp.pad(views, ((0, 0), (1, 1), (1, 1)), mode="edge")
+    rows = padded[:, 1:-1] * (1.0 - 2.0 * side) + (padded[:, :-2] + padded[:, 2:]) * side
+    views = rows[..., 1:-1] * (1.0 - 2.0 * side) + (rows[..., :-2] + rows[..., 2:]) * side
+
+    amount = draws.sometimes(defects.noise, draws.log_uniform(0.001, 0.03))
+    shot, read = amount * draws.uniform(), amount * draws.uniform()
+    deviation = jnp.sqrt(shot**2 * jnp.maximum(views, 0.0) + read**2)
+    views = views + deviation * jax.random.normal(noise_key, views.shape)
+
+    gamma = draws.sometimes(defects.gamma, draws.log_uniform(0.5, 1.6), 1.0)
+    views = jnp.clip(views, 0.0, 1.0)
+    views = jnp.exp(gamma * jnp.log(jnp.maximum(views, 1e-6)))
+    whole = jnp.round(views * 255.0) / 255.0
+    return jnp.where(draws.chance(defects.quantisation), whole, views)
+
+
+def _vignetting(draws: Draws, shape, offsets, present) -> Float[Array, "n h w"]:
+    """Factor on the brightness: darker corners, and darker views at the rim of the grid."""
+    _, h, w = shape
+    side = 0.5 * max(h, w)
+    y = (jnp.arange(h, dtype=jnp.float32) - 0.5 * (h - 1)) / side - draws.uniform(-0.7, 0.7)
+    x = (jnp.arange(w, dtype=jnp.float32) - 0.5 * (w - 1)) / side - draws.uniform(-0.7, 0.7)
+    far = jnp.maximum(jnp.max(jnp.abs(offsets)), 1.0)
+    step = offsets / far
+    # The dark rim moves with the view: a micro-lens sees it through another part of the main lens.
+    drift = draws.uniform(0.0, 0.6)
+    down = jnp.square(y[None] + drift * step[:, :1])[:, :, None]
+    across = jnp.square(x[None] + drift * step[:, 1:])[:, None, :]
+    corner = draws.uniform(0.0, 0.25) * (down + across)
+    rim = draws.uniform(0.0, 0.3) * jnp.sum(step**2, axis=-1)[:, None, None]
+    return jnp.where(present, jnp.maximum(1.0 - corner - rim, 0.1), 1.0)
