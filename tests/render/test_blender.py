@@ -1,0 +1,122 @@
+"""Real renderings, small enough for a test; skipped where Blender is not installed."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import occjax
+from occjax.errors import InputError
+from occjax.ops import warp
+from occjax.render import RenderConfig, find_blender, render_scene
+from occjax.render import __file__ as package
+from occjax.render.folder import view_name
+
+CONFIG = RenderConfig(seed=1, style="still_life", image_size=(32, 48), grid=(3, 3), samples=32)
+
+SLANTED_PLANE = """
+import sys, numpy as np
+from blender.camera import Camera
+from blender.geometry import fit_rig
+from blender.mesh import pose, sheet
+from blender.parts import Part
+from blender.scene import Scene, Sky
+from blender.stage import build
+from blender.surfaces import Surface
+grey = Surface("plain", ((0.5, 0.5, 0.5),))
+plane = Part(sheet(9.0, 9.0), grey, pose((0, 1, 0), roll=1.1, turn=0.4))
+sky = Sky((1, 1, 1), (1, 1, 1), 1.0, 0)
+scene = Scene("room", (plane,), (), sky, (0, -1, 0), (0, 1, 0), 50.0, (-1.0, 1.0))
+build(scene)
+np.savez(sys.argv[1], matrix=plane.matrix, **Camera(scene, (32, 48)).measure())
+"""
+
+
+@pytest.fixture(scope="module")
+def blender():
+    try:
+        python = find_blender()
+    except InputError:
+        pytest.skip("Blender is not installed")
+    return python
+
+
+@pytest.fixture(scope="module")
+def rendered(blender, tmp_path_factory):
+    return render_scene(tmp_path_factory.mktemp("render") / "scene", CONFIG, blender=blender)
+
+
+def test_depth_of_a_slanted_plane_is_that_of_the_ray_through_the_middle_of_the_pixel(
+    blender, tmp_path
+):
+    path = tmp_path / "plane.npz"
+    subprocess.run(
+        [blender, "-c", SLANTED_PLANE, str(path)],
+        env={**os.environ, "PYTHONPATH": str(Path(package).parent)},
+        stdout=subprocess.DEVNULL,
+        check=True,
+    )
+    measured = np.load(path)
+    # The camera stands at (0, -1, 0) and looks along y, so x is right and z is up.
+    row, column = np.mgrid[:32, :48] + 0.5
+    ray = np.stack(
+        [
+            (column - 24.0) / 48.0 * 36.0 / 50.0,
+            np.ones((32, 48)),
+            (16.0 - row) / 48.0 * 36.0 / 50.0,
+        ],
+        -1,
+    )
+    normal, point = measured["matrix"][:3, 2], measured["matrix"][:3, 3]
+    expected = (point - [0.0, -1.0, 0.0]) @ normal / (ray @ normal)
+    np.testing.assert_allclose(measured["depth"], expected, rtol=3e-4)
+    assert (measured["objects"] == 1).all()
+    assert np.ptp(measured["facing"]) < 1e-3
+
+
+def test_views_agree_with_the_ground_truth_and_with_no_other_layout(rendered):
+    light_field = occjax.load(rendered, check_orientation=False)
+    assert light_field.grid == (3, 3)
+    low, high = light_field.disparity_range
+    assert low < -0.4 < 0.4 < high
+
+    def disagreement(disparity, rows, columns):
+        views = light_field.floating()
+        centre = views[1, 1]
+        errors = [
+            np.abs(
+                warp(views[1 + v, 1 + u], disparity, np.float32([rows(v, u), columns(v, u)]))
+                - centre
+            )
+            for v, u in ((0, 1), (1, 0), (0, -1), (-1, 0))
+        ]
+        return float(np.median(np.stack(errors), axis=0).mean())
+
+    truth = light_field.ground_truth
+    right = disagreement(truth, lambda v, u: v, lambda v, u: u)
+    others = {
+        "transposed": disagreement(truth, lambda v, u: u, lambda v, u: v),
+        "negative": disagreement(-truth, lambda v, u: v, lambda v, u: u),
+        "rows flipped": disagreement(truth, lambda v, u: -v, lambda v, u: u),
+        "columns flipped": disagreement(truth, lambda v, u: v, lambda v, u: -u),
+        "none": disagreement(0.0 * truth, lambda v, u: v, lambda v, u: u),
+    }
+    assert right < 0.9 * min(others.values()), (right, others)
+
+
+def test_view_that_is_rendered_again_is_the_same(rendered, blender):
+    path = rendered / view_name(3)
+    before = path.read_bytes()
+    path.unlink()
+    render_scene(rendered, CONFIG, blender=blender)
+    assert path.read_bytes() == before
+
+
+def test_record_tells_which_objects_are_glossy_and_plain(rendered):
+    record = json.loads((rendered / "scene.json").read_text())
+    numbers = [*record["plain"], *record["glossy"]]
+    assert numbers
+    assert min(numbers) >= 1
