@@ -1,0 +1,194 @@
+"""Sources of training data: functions from the number of a step to its batch.
+
+A source gives the same batch for the same step, whatever it was asked before, so that training
+that resumes at a step sees what it would have seen: no state to save. Sources of procedural light
+fields, of pools and of folders are alike in this, and :func:`mixture` combines them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from occjax.data.augmentation import AugmentationConfig, augment_batch
+from occjax.data.generator import generate
+from occjax.data.samples import Sample
+from occjax.data.scene_config import SceneConfig
+from occjax.errors import InputError
+
+Source = Callable[[int], Sample]
+"""Gives the batch of a step: a sample with a leading axis on every field."""
+
+
+def procedural_source(
+    config: SceneConfig,
+    batch_size: int,
+    seed: int,
+    *,
+    photographs: Float[Array, "p 256 256"] | None = None,
+    augmentation: AugmentationConfig | None = None,
+) -> Source:
+    """New light fields in every step, rendered on the device: for GPUs.
+
+    Sample ``b`` of step ``t`` is ``generate(fold_in(key(seed), t * batch_size + b))``, numbered as
+    in :func:`occjax.data.pool.render_pool`.
+
+    Args:
+        config: The distribution of scenes.
+        batch_size: Light fields per step.
+        seed: Another seed, other light fields.
+        photographs: Textures, see :func:`occjax.data.generator.generate`.
+        augmentation: How they are varied further; None for not at all.
+
+    Returns:
+        The source.
+    """
+    check_batch_size(batch_size)
+
+    @jax.jit
+    def rendered(step, photographs):
+        numbers = step * batch_size + jnp.arange(batch_size, dtype=jnp.uint32)
+        keys = jax.vmap(partial(jax.random.fold_in, jax.random.key(seed)))(numbers)
+        return jax.vmap(lambda key: generate(key, config, photographs))(keys)
+
+    def source(step: int) -> Sample:
+        batch = rendered(jnp.uint32(step), photographs)
+        if augmentation is None:
+            return batch
+        return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
+
+    return source
+
+
+def mixture(parts: Mapping[Source, float]) -> Source:
+    """Batches in which each source has its share of the samples.
+
+    Sources are mixed within every batch, not from batch to batch: gradients vary less from step to
+    step, and the statistics of BatchNorm are those of the mixture that the network is used with.
+    Where a share is not a whole number of samples, it is on average over the steps. Nothing is
+    made in vain: a sample that one step does not take is taken by the next.
+
+    Args:
+        parts: Relative weight of each source. They have batches of one size and samples of one
+            shape; visibility may be known to some.
+
+    Returns:
+        The source of their batch size.
+
+    Raises:
+        InputError: If there are no sources or weights are negative; when called, if the batches of
+            the sources do not fit together.
+
+    Example:
+        >>> def constant(value):
+        ...     images = jnp.full((4, 1, 1, 2, 2), value)
+        ...     seen = images >= 0
+        ...     offsets = jnp.zeros((4, 1, 1, 2))
+        ...     return lambda step: Sample(images, offsets, images[:, 0, 0], seen, seen[:, 0, 0])
+        >>> source = mixture({constant(0.0): 3.0, constant(1.0): 1.0})
+        >>> source(7).disparity[:, 0, 0].tolist()
+        [0.0, 0.0, 0.0, 1.0]
+    """
+    weights = list(parts.values())
+    if not weights or min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
+        raise InputError("a mixture needs sources with weights of zero or more, not all zero")
+    # One batch serves several steps; more than two are in use when threads work ahead.
+    streams = [lru_cache(maxsize=4)(source) for source in parts]
+
+    @lru_cache(maxsize=1)
+    def batch_size() -> int:
+        largest = weights.index(max(weights))
+        return int(streams[largest](0).disparity.shape[0])
+
+    def mixed(step: int) -> Sample:
+        first, last = (shares(weights, number * batch_size()) for number in (step, step + 1))
+        pieces = [
+            piece
+            for stream, start, stop in zip(streams, first, last, strict=True)
+            for piece in _samples(stream, start, stop, batch_size())
+        ]
+        return _joined(pieces)
+
+    return mixed
+
+
+def shares(weights: Sequence[float], total: int) -> list[int]:
+    """How many of the first ``total`` samples of a mixture come from each source.
+
+    Each source gets its part, rounded, of what those before it left. So the numbers add up, none
+    becomes smaller when the total grows, and any total can be asked without those before it.
+
+    Args:
+        weights: Relative weights.
+        total: Number of samples.
+
+    Returns:
+        Whole numbers that add up to the total.
+
+    Example:
+        >>> [shares([1.0, 1.0, 2.0], total) for total in (4, 5, 8)]
+        [[1, 1, 2], [1, 1, 3], [2, 2, 4]]
+    """
+    numbers, left, weight_left = [], total, sum(weights)
+    for weight in weights[:-1]:
+        # The last source's weight, and any rounding of the sum, takes what is left.
+        part = min(weight / weight_left, 1.0) if weight_left > 0.0 else 0.0
+        numbers.append(math.floor(left * part + 0.5))
+        left, weight_left = left - numbers[-1], weight_left - weight
+    return [*numbers, left]
+
+
+def step_keys(seed: int, step: int, batch_size: int) -> Key[Array, " b"]:
+    """Random keys of the samples of a step.
+
+    Args:
+        seed: Of the source.
+        step: Number of the step.
+        batch_size: Number of keys b.
+
+    Returns:
+        ``[b]`` keys.
+    """
+    # Apart from the keys that light fields of the same seed are rendered with.
+    key = jax.random.fold_in(jax.random.key(seed), 2**32 - 1)
+    return jax.random.split(jax.random.fold_in(key, step), batch_size)
+
+
+def check_batch_size(batch_size: int) -> None:
+    """Refuse a batch without samples.
+
+    Args:
+        batch_size: Number of samples.
+
+    Raises:
+        InputError: If it is not positive.
+    """
+    if batch_size < 1:
+        raise InputError(f"batch_size is {batch_size}; it must be at least 1")
+
+
+def _samples(stream: Source, start: int, stop: int, batch_size: int) -> Iterator[Sample]:
+    """Samples number ``start`` to ``stop - 1`` of a source, in as many pieces as batches."""
+    while start < stop:
+        number, inside = divmod(start, batch_size)
+        batch = stream(number)
+        found = batch.disparity.shape[0]
+        if found != batch_size:
+            raise InputError(f"sources have batches of {found} and {batch_size}; make them equal")
+        taken = min(stop - start, batch_size - inside)
+        yield Sample(*(field[inside : inside + taken] for field in batch))
+        start += taken
+
+
+def _joined(pieces: list[Sample]) -> Sample:
+    """One batch of the pieces."""
+    shapes = {tuple(field.shape[1:] for field in piece) for piece in pieces}
+    if len(shapes) != 1:
+        sizes = " and ".join(str(list(shape[0])) for shape in sorted(shapes))
+        raise InputError(f"sources have views of {sizes}; select and crop them alike")
+    return Sample(*(jnp.concatenate(fields) for fields in zip(*pieces, strict=True)))

@@ -1,0 +1,185 @@
+"""Pools: what is stored, what is made again, and which light field comes when."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.data import pool
+from occjax.data.augmentation import AugmentationConfig
+from occjax.data.pool import pool_size, pool_source, read_sample, render_pool, write_sample
+from occjax.data.samples import Sample
+from occjax.data.scene_config import SceneConfig
+from occjax.errors import InputError
+
+CONFIG = SceneConfig(image_size=(5, 11), grid=(3, 3))
+RENDERED = []
+
+
+def cheap_scene(key, config, photographs=None):
+    """Stands for the generator, which takes long to compile: random numbers of the right shape."""
+    RENDERED.append(np.asarray(jax.random.key_data(key)).tolist())
+    parts = jax.random.split(key, 4)
+    views = jax.random.uniform(parts[0], (1, 9, *config.image_size))
+    offsets = jnp.array([[[row, column] for row in (-1.0, 0, 1) for column in (-1.0, 0, 1)]])
+    return Sample(
+        views=views if photographs is None else views * 0.0,
+        offsets=offsets,
+        disparity=jax.random.normal(parts[1], config.image_size),
+        visibility=jax.random.bernoulli(parts[2], 0.7, (1, 9, *config.image_size)),
+        valid=jax.random.bernoulli(parts[3], 0.9, config.image_size),
+    )
+
+
+@pytest.fixture(autouse=True)
+def generator(monkeypatch):
+    monkeypatch.setattr(pool, "generate", cheap_scene)
+    RENDERED.clear()
+
+
+def expected(number, seed=3):
+    """Light field ``number`` of a pool, by the documented numbering."""
+    return cheap_scene(jax.random.fold_in(jax.random.key(seed), number), CONFIG)
+
+
+def assert_stored(found, sample):
+    np.testing.assert_allclose(found.views, sample.views, atol=0.5 / 255 + 1e-6)
+    for field in ("offsets", "disparity", "visibility", "valid"):
+        np.testing.assert_array_equal(getattr(found, field), getattr(sample, field))
+        assert getattr(found, field).dtype == getattr(sample, field).dtype
+
+
+def test_a_sample_is_read_as_it_was_written_but_for_eight_bits(tmp_path):
+    sample = expected(0)
+    write_sample(tmp_path / "one.npz", sample)
+    assert_stored(read_sample(tmp_path / "one.npz"), sample)
+    # One byte for a grey, four for a disparity, one bit for a visibility; the rest are headers.
+    assert (tmp_path / "one.npz").stat().st_size < 9 * 55 + 4 * 55 + 10 * 5 * 2 + 72 + 2000
+
+
+def test_light_fields_are_numbered_by_the_seed(tmp_path):
+    render_pool(tmp_path / "pool", 3, CONFIG, 3, progress=False)
+    batch = pool_source(tmp_path / "pool", 3, seed=0)(0)
+    found = {round(float(disparity[0, 0]), 5) for disparity in batch.disparity}
+    assert found == {round(float(expected(number).disparity[0, 0]), 5) for number in range(3)}
+
+
+def test_only_missing_light_fields_are_rendered(tmp_path):
+    render_pool(tmp_path, 4, CONFIG, 3, progress=False)
+    (tmp_path / "000001.npz").unlink()
+    assert pool_size(tmp_path) == 1
+    kept = (tmp_path / "000002.npz").stat().st_mtime_ns
+    RENDERED.clear()
+    render_pool(tmp_path, 6, CONFIG, 3, progress=False)
+    assert len(RENDERED) == 3
+    assert (tmp_path / "000002.npz").stat().st_mtime_ns == kept
+    assert pool_size(tmp_path) == 6
+    assert_stored(read_sample(tmp_path / "000001.npz"), expected(1))
+    assert_stored(read_sample(tmp_path / "000005.npz"), expected(5))
+
+
+def test_a_smaller_count_leaves_the_rest(tmp_path):
+    render_pool(tmp_path, 3, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    assert pool_size(tmp_path) == 3
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        ({"seed": 4}, "seed is 3 there, 4"),
+        ({"config": SceneConfig(image_size=(5, 12), grid=(3, 3))}, "image_size"),
+        ({"photographs": jnp.zeros((1, 256, 256))}, "photographs"),
+    ],
+)
+def test_another_configuration_is_refused_and_the_difference_named(tmp_path, other, named):
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    options = {"config": CONFIG, "seed": 3, **other}
+    with pytest.raises(InputError, match=named):
+        render_pool(tmp_path, 2, progress=False, **options)
+    assert pool_size(tmp_path) == 1
+
+
+def test_another_version_of_the_package_is_refused(tmp_path):
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    description = json.loads((tmp_path / "pool.json").read_text())
+    description["version"] = "0.0.1"
+    (tmp_path / "pool.json").write_text(json.dumps(description))
+    with pytest.raises(InputError, match="version"):
+        render_pool(tmp_path, 2, CONFIG, 3, progress=False)
+
+
+def test_photographs_reach_the_generator(tmp_path):
+    render_pool(tmp_path, 1, CONFIG, 3, photographs=jnp.zeros((1, 256, 256)), progress=False)
+    assert read_sample(tmp_path / "000000.npz").views.max() == 0.0
+
+
+def test_each_light_field_comes_once_before_any_comes_again(tmp_path):
+    render_pool(tmp_path, 5, CONFIG, 3, progress=False)
+    source = pool_source(tmp_path, 3, seed=1)
+    drawn = [float(d[0, 0]) for step in range(5) for d in source(step).disparity]
+    rounds = [drawn[start : start + 5] for start in range(0, 15, 5)]
+    assert all(len(set(once)) == 5 for once in rounds)
+    assert len({tuple(once) for once in rounds}) == 3
+
+
+def test_a_step_gives_the_same_batch_whatever_was_asked_before(tmp_path):
+    render_pool(tmp_path, 5, CONFIG, 3, progress=False)
+    config = AugmentationConfig(crop=(4, 4))
+    source = pool_source(tmp_path, 2, seed=1, augmentation=config)
+    batches = [source(step) for step in range(4)]
+    again = pool_source(tmp_path, 2, seed=1, augmentation=config)
+    for step in (3, 0, 2):
+        jax.tree.map(np.testing.assert_array_equal, again(step), batches[step])
+    assert batches[0].views.shape == (2, 1, 9, 4, 4)
+    other = pool_source(tmp_path, 2, seed=2, augmentation=config)(0)
+    assert not np.array_equal(other.views, batches[0].views)
+
+
+def test_a_light_field_drawn_twice_is_varied_differently(tmp_path):
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    config = AugmentationConfig(turns=False)
+    batch = pool_source(tmp_path, 2, seed=1, augmentation=config)(0)
+    assert not np.allclose(batch.views[0], batch.views[1])
+
+
+def test_views_and_part_of_a_pool_can_be_chosen(tmp_path):
+    render_pool(tmp_path, 3, CONFIG, 3, progress=False)
+    batch = pool_source(tmp_path, 4, seed=0, views="cross", count=1)(0)
+    assert batch.views.shape == (4, 1, 5, 5, 11)
+    np.testing.assert_array_equal(batch.disparity, np.stack([expected(0).disparity] * 4))
+
+
+def test_what_is_no_pool_or_too_small_is_refused(tmp_path):
+    with pytest.raises(InputError, match="is not a pool"):
+        pool_source(tmp_path, 2, seed=0)
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    with pytest.raises(InputError, match="has 1 light fields, 2 are needed"):
+        pool_source(tmp_path, 2, seed=0, count=2)
+    with pytest.raises(InputError, match="batch_size"):
+        pool_source(tmp_path, 0, seed=0)
+    with pytest.raises(InputError, match="at least 1"):
+        render_pool(tmp_path, 0, CONFIG, 3, progress=False)
+
+
+def test_a_folder_of_other_files_is_not_taken_for_a_pool(tmp_path):
+    np.savez(tmp_path / "results.npz", views=np.zeros(3))
+    with pytest.raises(InputError, match="choose another folder"):
+        render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+
+
+@pytest.mark.parametrize("damage", [b"", b"not a zip file", None])
+def test_a_damaged_file_is_named(tmp_path, damage):
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    path = tmp_path / "000000.npz"
+    path.write_bytes(path.read_bytes()[:700] if damage is None else damage)
+    with pytest.raises(InputError, match=r"000000\.npz: is damaged"):
+        pool_source(tmp_path, 1, seed=0)(0)
+
+
+def test_a_damaged_description_is_named(tmp_path):
+    (tmp_path / "pool.json").write_text("{")
+    with pytest.raises(InputError, match=r"pool\.json: is damaged"):
+        render_pool(tmp_path, 1, CONFIG, 3, progress=False)
