@@ -6,8 +6,9 @@ numbers; so numbers are drawn in one block and handed out one after the other.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+import copy
+import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -18,32 +19,33 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt32
 Key = PRNGKeyArray | UInt32[Array, "2"]
 
 
-BLOCK = 24
-"""Numbers drawn at a time."""
-
-
-def _numbers(key: Key, shape: tuple[int, ...]) -> Iterator[Array]:
-    """Uniform random numbers without end."""
-    for block in itertools.count():
-        yield from jax.random.uniform(jax.random.fold_in(key, block), (BLOCK, *shape))
-
-
 class Draws:
-    """A block of uniform random numbers, handed out in order of the calls.
+    """Uniform random numbers, drawn in large blocks and handed out in order of the calls.
 
     Example:
-        >>> draws = Draws(jax.random.key(0), (3,))
+        >>> draws = Draws(jax.random.key(0)).of((3,))
         >>> draws.uniform(2.0, 5.0).shape, draws.chance(0.0).tolist()
         ((3,), [False, False, False])
     """
 
-    def __init__(self, key: Key, shape: tuple[int, ...] = ()) -> None:
-        """Prepare numbers of a shape."""
-        self._numbers = _numbers(key, shape)
+    def __init__(self, key: Key) -> None:
+        """Prepare single numbers; :meth:`of` asks for arrays."""
+        self._blocks = _Blocks(key)
+        self._shape: tuple[int, ...] = ()
 
-    def uniform(self, low: ArrayLike = 0.0, high: ArrayLike = 1.0) -> Float[Array, "*n"]:
+    def of(self, shape: tuple[int, ...]) -> Draws:
+        """Draws of a shape, out of the same blocks."""
+        other = copy.copy(self)
+        other._shape = shape
+        return other
+
+    def unit(self) -> Float[Array, "*n"]:
+        """Evenly between 0 and 1."""
+        return self._blocks.take(math.prod(self._shape)).reshape(self._shape)
+
+    def uniform(self, low: ArrayLike, high: ArrayLike) -> Float[Array, "*n"]:
         """Evenly between two values."""
-        return low + (high - low) * next(self._numbers)  # type: ignore[operator]
+        return low + (high - low) * self.unit()  # type: ignore[operator]
 
     def log_uniform(self, low: ArrayLike, high: ArrayLike) -> Float[Array, "*n"]:
         """Between two positive values, evenly in the logarithm."""
@@ -51,7 +53,7 @@ class Draws:
 
     def signed(self, low: float, high: float) -> Float[Array, "*n"]:
         """Of magnitude between two values, and of either sign."""
-        number = next(self._numbers)
+        number = self.unit()
         sign = jnp.where(number < 0.5, -1.0, 1.0)
         return sign * (low + (high - low) * jnp.abs(2.0 * number - 1.0))
 
@@ -61,7 +63,7 @@ class Draws:
 
     def chance(self, probability: ArrayLike) -> Bool[Array, "*n"]:
         """True with a probability."""
-        return next(self._numbers) < probability
+        return self.unit() < probability
 
     def sometimes(
         self, probability: ArrayLike, value: ArrayLike, otherwise: ArrayLike = 0.0
@@ -72,8 +74,27 @@ class Draws:
     def kind(self, weights: Sequence[float]) -> Int[Array, "*n"]:
         """An index, as often as its weight says."""
         shares = np.cumsum(weights) / max(sum(weights), 1e-9)
-        number = next(self._numbers)
+        number = self.unit()
         # The last share is not compared with: rounding must not lead beyond the last kind.
         last = max((i for i, weight in enumerate(weights) if weight > 0.0), default=0)
         kinds = sum((number >= share).astype(jnp.int32) for share in shares[:last].tolist())
         return jnp.zeros(number.shape, jnp.int32) + kinds
+
+
+class _Blocks:
+    """Random numbers drawn a block at a time."""
+
+    SIZE = 4096
+
+    def __init__(self, key: Key) -> None:
+        self._key, self._count = key, 0
+        self._block, self._used = jnp.zeros(0), 0
+
+    def take(self, count: int) -> Float[Array, " count"]:
+        """The next numbers."""
+        if self._used + count > self._block.size:
+            key = jax.random.fold_in(self._key, self._count)
+            self._block = jax.random.uniform(key, (max(count, self.SIZE),))
+            self._count, self._used = self._count + 1, 0
+        self._used += count
+        return self._block[self._used - count : self._used]

@@ -28,11 +28,13 @@ VISIBLE_WITHIN = 2e-3
 """A point is visible where its ray is stopped at most this much disparity in front of it."""
 
 
-@partial(jax.jit, static_argnames="config")
+@partial(jax.jit, static_argnames=("config", "views_at_once"))
 def generate(
     key: Key,
     config: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
-    photographs: Float[Array, "p 256 256"] | None = None,
+    photographs: Float[Array | np.ndarray, "p 256 256"] | None = None,
+    *,
+    views_at_once: int = 1,
 ) -> Sample:
     """Draw a random light field with its ground truth.
 
@@ -41,6 +43,8 @@ def generate(
         config: The distribution to draw from.
         photographs: ``[p, 256, 256]`` grey photographs in [0, 1], some of which become textures;
             see :func:`occjax.data.photographs.load_photographs`.
+        views_at_once: Views that are rendered side by side. One at a time is best on a CPU, whose
+            cache holds no more; a GPU wants many.
 
     Returns:
         Grey views, their offsets, the disparity of the ray through the middle of each pixel of the
@@ -56,9 +60,13 @@ def generate(
     offsets = jnp.asarray(arrangement(config.grid, config.views))
     flat_offsets = offsets.reshape(-1, 2)
     scene = random_scene(scene_key, config, photographs)
+    views = render(scene, flat_offsets, config, ray_key, views_at_once)
     disparity = centre_disparity(scene, config.image_size)
-    views = render(scene, flat_offsets, config, ray_key)
-    visibility = jax.lax.map(lambda offset: view_visibility(scene, disparity, offset), flat_offsets)
+    visibility = jax.lax.map(
+        lambda offset: view_visibility(scene, disparity, offset),
+        flat_offsets,
+        batch_size=views_at_once,
+    )
     views = expose(camera_key, views, flat_offsets, config.defects)
     shape = (*offsets.shape[:2], *config.image_size)
     return Sample(
@@ -71,38 +79,37 @@ def generate(
 
 
 def render(
-    scene: RandomScene, offsets: Float[Array, "n 2"], config: SceneConfig, key: Key
+    scene: RandomScene,
+    offsets: Float[Array, "n 2"],
+    config: SceneConfig,
+    key: Key,
+    views_at_once: int = 1,
 ) -> Float[Array, "n h w"]:
     """Brightness of views, averaged over the rays of each pixel.
 
     Rays are spread over two pixels with the weight of bilinear interpolation, one in each of as
     many parts of equal weight, at random within its part.
     """
-    shade = shade_maps(scene.geometry, scene.light, config.image_size)
     y, x = pixel_grid(config.image_size)
     strata = round(config.rays**0.5)
-    part_y, part_x = np.indices((strata, strata)).reshape(2, -1, 1, 1)
+    parts = np.indices((strata, strata), np.float32).reshape(2, -1, 1, 1)
 
-    def one_view(item):
+    def cast(item):
         offset, view_key = item
         jitter = jax.random.uniform(view_key, (2, config.rays, *config.image_size))
-        ray_y = y[None] + _tent_quantile((jitter[0] + part_y.astype(np.float32)) / strata)
-        ray_x = x[None] + _tent_quantile((jitter[1] + part_x.astype(np.float32)) / strata)
-        hits = first_hits(scene.geometry, ray_y, ray_x, offset)
-        light = brightness(
-            scene.geometry,
-            scene.materials,
-            scene.textures,
-            scene.light,
-            shade,
-            ray_y,
-            ray_x,
-            offset,
-            hits,
-        )
-        return jnp.mean(light, axis=0)
+        spread_y, spread_x = _tent_quantile((jitter + parts) / strata)
+        ray_y, ray_x = y[None] + spread_y, x[None] + spread_x
+        return offset, ray_y, ray_x, first_hits(scene.geometry, ray_y, ray_x, offset)
 
-    return jax.lax.map(one_view, (offsets, jax.random.split(key, offsets.shape[0])))
+    shade = shade_maps(scene.geometry, scene.light, config.image_size)
+
+    # Separate loops: compiled as one, rays and hits would be computed anew for each of their uses.
+    keys = jax.random.split(key, offsets.shape[0])
+    rays = jax.lax.map(cast, (offsets, keys), batch_size=views_at_once)
+    light = jax.lax.map(
+        lambda item: brightness(*scene, shade, *item), rays, batch_size=views_at_once
+    )
+    return jnp.mean(light, axis=1)
 
 
 def centre_disparity(scene: RandomScene, image_size: tuple[int, int]) -> Float[Array, "h w"]:

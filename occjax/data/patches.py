@@ -9,8 +9,8 @@ All surfaces are quadrics ``f = curvature . p^2 + slope p_z + constant`` in own 
 ``p = linear (X, Y, d) + shift``:
 
 * a wall is ``f = 0``;
-* a sheet is ``f = 0`` where an outline, sampled in the square ``[-1, 1]^2`` of own x and y, is
-  positive;
+* a sheet is ``f = 0`` where an outline, an image over the square ``[-1, 1]^2`` of own x and y, is
+  true;
 * a solid is ``f <= 0`` cut to a box: an ellipsoid, a capped cylinder, a box.
 
 Arrays here have one entry per ray and no trailing axis of components, which compilers turn into
@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 
 class Quadrics(NamedTuple):
@@ -53,14 +53,14 @@ class Geometry(NamedTuple):
         walls: Unbounded surfaces. The first is the plane at the lowest disparity, hit by every ray
             that hits nothing else.
         sheets: Thin surfaces with outlines.
-        outlines: ``[sheets, m, m]`` values over own y and x, positive inside.
+        outlines: ``[sheets, m, m]`` what is there, over own y and x.
         solids: Solids.
         limits: ``[2]`` lowest and highest disparity; nothing exists beyond.
     """
 
     walls: Quadrics
     sheets: Quadrics
-    outlines: Float[Array, "sheets m m"]
+    outlines: Bool[Array, "sheets m m"]
     solids: Quadrics
     limits: Float[Array, "2"]
 
@@ -105,10 +105,10 @@ def first_hits(
         origin, direction = _own_rays(surface, y, x, offset)
 
         def kept(disparity):
-            level = sample(
+            inside = _lookup(
                 outline, origin[1] + disparity * direction[1], origin[0] + disparity * direction[0]
             )
-            return within(disparity) & (level > 0.0)
+            return within(disparity) & inside
 
         upper, lower = _crossings(surface, origin, direction)
         found = jnp.where(kept(upper), upper, jnp.where(kept(lower), lower, -jnp.inf))
@@ -121,7 +121,8 @@ def first_hits(
         enter, leave = jnp.minimum(upper, highest), jnp.maximum(lower, lowest)
         for axis in range(3):
             towards = jnp.where(jnp.abs(direction[axis]) < 1e-9, 1e-9, direction[axis])
-            middle, reach = -origin[axis] / towards, surface.half[axis] / jnp.abs(towards)
+            slowness = 1.0 / towards
+            middle, reach = -origin[axis] * slowness, surface.half[axis] * jnp.abs(slowness)
             enter, leave = jnp.minimum(enter, middle + reach), jnp.maximum(leave, middle - reach)
         found = jnp.where(enter >= leave, enter, -jnp.inf)
         return _nearer(nearest, found, index), None
@@ -149,9 +150,23 @@ def sample(
     part_row = row - whole_row.astype(row.dtype)
     part_column = column - whole_column.astype(column.dtype)
     flat, first = image.reshape(-1), whole_row * n + whole_column
-    top = flat[first] * (1.0 - part_column) + flat[first + 1] * part_column
-    bottom = flat[first + n] * (1.0 - part_column) + flat[first + n + 1] * part_column
+    top = pick(flat, first) * (1.0 - part_column) + pick(flat, first + 1) * part_column
+    bottom = pick(flat, first + n) * (1.0 - part_column) + pick(flat, first + n + 1) * part_column
     return top * (1.0 - part_row) + bottom * part_row
+
+
+def _lookup(image: Bool[Array, "m m"], y, x):
+    """Nearest pixel of an image over the square [-1, 1]^2; false outside."""
+    m = image.shape[0]
+    row, column = jnp.floor((y + 1.0) * (0.5 * m)), jnp.floor((x + 1.0) * (0.5 * m))
+    inside = (jnp.abs(y) < 1.0) & (jnp.abs(x) < 1.0)
+    index = jnp.where(inside, row * m + column, 0.0).astype(jnp.int32)
+    return pick(image.reshape(-1), jnp.minimum(index, m * m - 1)) & inside
+
+
+def pick(values: Array, index: Int[Array, "*r"]) -> Array:
+    """Values at indices known to be within bounds: checking them would take longer."""
+    return values.at[index].get(mode="promise_in_bounds")
 
 
 def _own_rays(surface: Quadrics, y, x, offset):
@@ -176,7 +191,7 @@ def _crossings(surface: Quadrics, origin, direction):
         b, c = b + bent * direction[axis], c + bent * origin[axis]
     root = jnp.sqrt(b * b - a * c)
     q = -(b + jnp.copysign(root, b))
-    one, other = c / q, q / a
+    one, other = c / q, q * (1.0 / a)
     return jnp.maximum(one, other), jnp.minimum(one, other)
 
 

@@ -12,17 +12,18 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from occjax.data.draws import Draws, Key
 from occjax.data.scene_config import Outlines, Textures
 
 TEXTURE_SIZE = 256
-OUTLINE_SIZE = 128
+OUTLINE_SIZE = 256
 
 
 def textures(
-    key: Key,
+    draws: Draws,
+    noise_key: Key,
     count: int,
     kinds: Textures,
     photographs: Float[Array, "p 256 256"] | None = None,
@@ -31,7 +32,8 @@ def textures(
     """Draw textures, of values in [-1, 1] with a mean of about zero.
 
     Args:
-        key: Random key.
+        draws: Random numbers.
+        noise_key: Random key of the noise.
         count: Number of textures.
         kinds: How often each kind is drawn.
         photographs: Grey photographs in [0, 1], if any.
@@ -40,8 +42,7 @@ def textures(
     Returns:
         ``[count, 256, 256]`` textures.
     """
-    noise_key, number_key, photograph_key = jax.random.split(key, 3)
-    draws = Draws(number_key, (count, 1, 1))
+    draws = draws.of((count, 1, 1))
     exponent = draws.uniform(0.3, 2.2)
     stretch = draws.sometimes(0.4, draws.log_uniform(1.0, 6.0), 1.0)
     first, second = noise(
@@ -54,7 +55,7 @@ def textures(
         draws.log_uniform(1.0, 8.0),
     )
     # Noise as it is, with hard edges, or folded into veins.
-    character, strength = draws.uniform(), draws.log_uniform(1.0, 8.0)
+    character, strength = draws.unit(), draws.log_uniform(1.0, 8.0)
     clouds = jnp.where(
         character < 0.55,
         jnp.clip(first / 2.5, -1.0, 1.0),
@@ -94,26 +95,31 @@ def textures(
     mottling = jnp.where(kind == 0, 0.0, draws.sometimes(0.6, draws.uniform(0.0, 0.4)))
     chosen = chosen * (1.0 - mottling) + mottling * jnp.clip(second / 2.5, -1.0, 1.0)
     if photographs is not None and photograph_share > 0.0:
-        pictures = _pictures(photograph_key, count, photographs)
+        pictures = _pictures(draws, count, photographs)
         chosen = jnp.where(draws.chance(photograph_share), pictures, chosen)
     return jnp.clip(chosen, -1.0, 1.0)
 
 
-def outlines(key: Key, count: int, kinds: Outlines) -> Float[Array, "count 128 128"]:
-    """Draw outlines over the square [-1, 1]^2 of y and x: positive inside, zero on the edge.
+def outlines(
+    draws: Draws, noise_key: Key, count: int, kinds: Outlines
+) -> Bool[Array, "count 256 256"]:
+    """Draw outlines over the square [-1, 1]^2 of y and x.
 
     Args:
-        key: Random key.
+        draws: Random numbers.
+        noise_key: Random key of the noise.
         count: Number of outlines.
         kinds: How often each kind is drawn.
 
     Returns:
-        ``[count, 128, 128]`` levels, nowhere steeper than a distance by much.
+        ``[count, 256, 256]``, true inside.
     """
-    noise_key, number_key, leaf_key = jax.random.split(key, 3)
-    draws = Draws(number_key, (count, 1, 1))
+    draws = draws.of((count, 1, 1))
     axis = jnp.linspace(-1.0, 1.0, OUTLINE_SIZE)
-    y, x = jnp.broadcast_to(axis[None, :, None], (1, 128, 128)), axis[None, None, :]
+    y, x = (
+        jnp.broadcast_to(axis[None, :, None], (1, OUTLINE_SIZE, OUTLINE_SIZE)),
+        axis[None, None, :],
+    )
     radius = jnp.hypot(x, y)
     rough, other = noise(
         noise_key,
@@ -145,8 +151,8 @@ def outlines(key: Key, count: int, kinds: Outlines) -> Float[Array, "count 128 1
     )
 
     width, lines = draws.log_uniform(0.02, 0.12), draws.uniform(0.6, 4.0)
-    upright = width - _to_line(lines * x + draws.uniform()) / lines
-    level = width * draws.uniform(0.5, 1.5) - _to_line(lines * y + draws.uniform()) / lines
+    upright = width - _to_line(lines * x + draws.unit()) / lines
+    level = width * draws.uniform(0.5, 1.5) - _to_line(lines * y + draws.unit()) / lines
     grids = jnp.where(draws.chance(0.4), upright, jnp.maximum(upright, level))
     grids = jnp.minimum(grids, square)
 
@@ -160,9 +166,10 @@ def outlines(key: Key, count: int, kinds: Outlines) -> Float[Array, "count 128 1
         )
     wires = jnp.minimum(wires, square)
 
-    candidates = [plain, polygon, blob, holes, grids, wires, _leaves(leaf_key, count, x, y)]
+    candidates = [plain, polygon, blob, holes, grids, wires, _leaves(draws, count, x, y)]
     kind = draws.kind(dataclasses.astuple(kinds))
-    return sum(jnp.where(kind == i, candidate, 0.0) for i, candidate in enumerate(candidates))
+    level = sum(jnp.where(kind == i, candidate, 0.0) for i, candidate in enumerate(candidates))
+    return level > 0.0
 
 
 def noise(
@@ -201,12 +208,11 @@ def noise(
     return field.real * scale, field.imag * scale
 
 
-def _leaves(key: Key, count: int, x, y, leaves: int = 9) -> Float[Array, "count 128 128"]:
+def _leaves(draws: Draws, count: int, x, y, leaves: int = 9) -> Float[Array, "count 256 256"]:
     """Leaves along a bent twig."""
-    draws = Draws(key, (leaves, count, 1, 1))
+    twig, draws = draws.of((count, 1, 1)), draws.of((leaves, count, 1, 1))
     turns, starts = draws.angle(), draws.uniform(-0.8, 0.4)
     lengths, widths = draws.uniform(0.35, 0.9), draws.uniform(0.06, 0.2)
-    twig = Draws(jax.random.fold_in(key, 1), (count, 1, 1))
     bend, thickness = twig.uniform(-0.5, 0.5), twig.uniform(0.008, 0.03)
     stem = jnp.minimum(thickness - jnp.abs(x - bend * (y**2 - 0.3)), 0.8 - jnp.abs(y))
 
@@ -223,10 +229,10 @@ def _leaves(key: Key, count: int, x, y, leaves: int = 9) -> Float[Array, "count 
     return jnp.minimum(level, edge)
 
 
-def _pictures(key: Key, count: int, photographs) -> Float[Array, "count 256 256"]:
+def _pictures(draws: Draws, count: int, photographs) -> Float[Array, "count 256 256"]:
     """Photographs chosen at random, mirrored and turned, with contrast stretched."""
-    draws = Draws(key, (count,))
-    index = (draws.uniform() * photographs.shape[0]).astype(jnp.int32)
+    draws = draws.of((count,))
+    index = (draws.unit() * photographs.shape[0]).astype(jnp.int32)
     chosen = photographs[jnp.minimum(index, photographs.shape[0] - 1)]
     mean = jnp.mean(chosen, axis=(1, 2), keepdims=True)
     spread = jnp.std(chosen, axis=(1, 2), keepdims=True) + 1e-3

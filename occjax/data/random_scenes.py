@@ -68,25 +68,31 @@ def random_scene(
     Returns:
         The scene.
     """
-    keys = jax.random.split(key, 8)
-    space = _draw_space(Draws(keys[0]), config)
-    walls, planes = _draw_walls(Draws(keys[1], (config.walls - 1,)), config, space)
-    scene_draws = Draws(keys[2])
-    density = scene_draws.uniform(0.15, 1.0)
-    sheets = _draw_sheets(Draws(keys[3], (config.sheets,)), config, space, planes, density)
-    solids, group = _draw_solids(Draws(keys[4], (config.solids,)), config, space, planes, density)
+    number_key, outline_key, texture_key = jax.random.split(key, 3)
+    draws = Draws(number_key)
+    space = _draw_space(draws, config)
+    walls, planes = _draw_walls(draws, config, space)
+    density = draws.uniform(0.15, 1.0)
+    sheets = _draw_sheets(draws, config, space, planes, density)
+    solids, group = _draw_solids(draws, config, space, planes, density)
     geometry = Geometry(
         walls=walls,
         sheets=sheets,
-        outlines=patterns.outlines(keys[5], config.sheets, config.outlines),
+        outlines=patterns.outlines(draws, outline_key, config.sheets, config.outlines),
         solids=solids,
         limits=jnp.stack([space.low, space.high]),
     )
-    materials = _draw_materials(keys[6], config, space, geometry, group)
+    materials = _draw_materials(draws, config, space, geometry, group)
+    light = _draw_light(draws, config, space)
     textures = patterns.textures(
-        keys[7], config.texture_count, config.textures, photographs, config.photographs
+        draws,
+        texture_key,
+        config.texture_count,
+        config.textures,
+        photographs,
+        config.photographs,
     )
-    return RandomScene(geometry, materials, textures, _draw_light(scene_draws, config, space))
+    return RandomScene(geometry, materials, textures, light)
 
 
 def _draw_space(draws: Draws, config: SceneConfig) -> _Space:
@@ -102,6 +108,7 @@ def _draw_space(draws: Draws, config: SceneConfig) -> _Space:
 def _draw_walls(draws: Draws, config: SceneConfig, space: _Space) -> tuple[Quadrics, _Walls]:
     """A plane at the lowest disparity, a wall or floor that fills the image, and some more."""
     count = config.walls - 1
+    draws = draws.of((count,))
     h, w = config.image_size
     half = 0.5 * max(h, w)
     width = space.high - space.low
@@ -110,7 +117,7 @@ def _draw_walls(draws: Draws, config: SceneConfig, space: _Space) -> tuple[Quadr
     # The first wall stays in the range over the image; others cut it along a line.
     level = space.low + width * draws.uniform(0.03, 0.6)
     room = jnp.minimum(level - space.low, 0.8 * (space.high - level)) / (1.3 * half)
-    strength = jnp.where(first, draws.uniform(), draws.uniform(1.0, 4.0))
+    strength = jnp.where(first, draws.unit(), draws.uniform(1.0, 4.0))
     steepest = 3.0 / space.relief
     slope = jnp.minimum(room * strength, steepest)
     slope = draws.sometimes(config.slanted, slope)
@@ -167,6 +174,7 @@ def _draw_sheets(
 ) -> Quadrics:
     """Cards, leaves, fences: thin things with an outline, flat or bent."""
     count = config.sheets
+    draws = draws.of((count,))
     h, w = config.image_size
     side = min(h, w)
     y, x = draws.uniform(-0.55 * h, 0.55 * h), draws.uniform(-0.55 * w, 0.55 * w)
@@ -181,7 +189,7 @@ def _draw_sheets(
     depth = (jnp.abs(rotation[:, 0, 2]) * large + jnp.abs(rotation[:, 1, 2]) * small) / space.relief
     relief = space.relief * jnp.maximum(1.0, depth / (0.45 * room + 1e-3))
     depth = jnp.minimum(depth, 0.45 * room)
-    floating = wall + depth + (room - 2.0 * depth) * draws.uniform() ** 1.5
+    floating = wall + depth + (room - 2.0 * depth) * draws.unit() ** 1.5
     d = draws.sometimes(config.contacts, wall + depth + 0.02 * room, floating)
 
     bend = draws.sometimes(config.curved, draws.uniform(-0.7, 0.7))
@@ -205,6 +213,7 @@ def _draw_solids(
 ) -> tuple[Quadrics, Int[Array, " n"]]:
     """Boxes, ellipsoids, cylinders and rods; some form groups of overlapping solids."""
     count = config.solids
+    draws = draws.of((count,))
     h, w = config.image_size
     side = min(h, w)
     weights = dataclasses.astuple(config.solid_kinds)
@@ -238,7 +247,7 @@ def _draw_solids(
     depth = jnp.sum(jnp.abs(rotation[:, :, 2]) * half, axis=-1) / space.relief
     relief = space.relief * jnp.maximum(1.0, depth / (0.45 * room + 1e-3))
     depth = jnp.minimum(depth, 0.45 * room)
-    floating = wall + depth + (room - 2.0 * depth) * draws.uniform() ** 1.5
+    floating = wall + depth + (room - 2.0 * depth) * draws.unit() ** 1.5
     resting = wall + depth * draws.uniform(0.2, 1.0)
     d = jnp.where(draws.chance(config.contacts), resting, floating)
     d = jnp.where(follows, d[leader] + depth * draws.uniform(-0.5, 0.5), d)
@@ -259,17 +268,16 @@ def _draw_solids(
 
 
 def _draw_materials(
-    key: Key, config: SceneConfig, space: _Space, geometry: Geometry, group: Int[Array, " n"]
+    draws: Draws, config: SceneConfig, space: _Space, geometry: Geometry, group: Int[Array, " n"]
 ) -> Materials:
     """Looks of all surfaces."""
     table = _joined(geometry.walls, geometry.sheets, geometry.solids)
     count = table.slope.shape[0]
-    scene_key, key = jax.random.split(key)
-    scene, draws = Draws(scene_key), Draws(key, (count,))
+    scene, draws = draws, draws.of((count,))
     texture_count = config.texture_count
 
     def index():
-        return jnp.minimum((draws.uniform() * texture_count).astype(jnp.int32), texture_count - 1)
+        return jnp.minimum((draws.unit() * texture_count).astype(jnp.int32), texture_count - 1)
 
     texture, detail = index(), index()
     calm = jnp.where(scene.chance(config.calm), 0.08, 1.0)

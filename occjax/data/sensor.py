@@ -41,7 +41,7 @@ def expose(
     views = rows[..., 1:-1] * (1.0 - 2.0 * side) + (rows[..., :-2] + rows[..., 2:]) * side
 
     amount = draws.sometimes(defects.noise, draws.log_uniform(0.001, 0.03))
-    shot, read = amount * draws.uniform(), amount * draws.uniform()
+    shot, read = amount * draws.unit(), amount * draws.unit()
     deviation = jnp.sqrt(shot**2 * jnp.maximum(views, 0.0) + read**2)
     views = views + deviation * jax.random.normal(noise_key, views.shape)
 

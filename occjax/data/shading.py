@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from occjax.data.patches import Geometry, Hits, Quadrics, first_hits, sample
+from occjax.data.patches import Geometry, Hits, Quadrics, first_hits, pick, sample
 
 
 class Materials(NamedTuple):
@@ -120,9 +120,9 @@ def brightness(
     textures: Float[Array, "t m m"],
     light: Light,
     shade: Shade,
+    offset: Float[Array, "2"],
     y: Float[Array, "*r"],
     x: Float[Array, "*r"],
-    offset: Float[Array, "2"],
     hits: Hits,
 ) -> Float[Array, "*r"]:
     """Brightness of the hits of rays of one view.
@@ -133,9 +133,9 @@ def brightness(
         textures: ``[t, m, m]`` in [-1, 1].
         light: The light.
         shade: From :func:`shade_maps`.
+        offset: ``[2]`` offset of the view.
         y: Row at which each ray meets the view's image, in pixels from the image centre.
         x: Column, likewise.
-        offset: ``[2]`` offset of the view.
         hits: From :func:`~occjax.data.patches.first_hits`.
 
     Returns:
@@ -145,7 +145,7 @@ def brightness(
     px, py, pz = x + offset[1] * d, y + offset[0] * d, light.relief * d
 
     def of(values):
-        return values[index]
+        return pick(values, index)
 
     row = _affine(of, materials.lay[:, 0], materials.start[:, 0], px, py, d)
     column = _affine(of, materials.lay[:, 1], materials.start[:, 1], px, py, d)
@@ -205,7 +205,7 @@ def _normals(geometry: Geometry, relief, px, py, d, offset, index):
     )
 
     def of(values):
-        return values[index]
+        return pick(values, index)
 
     own = [_affine(of, table.linear[:, i], table.shift[:, i], px, py, d) for i in range(3)]
     # The faces of a solid's box are where a coordinate reaches half its size.
@@ -244,8 +244,8 @@ def _texel(textures, index, row, column):
     flat = textures.reshape(-1)
     first = index * (size * size)
     upper, lower = (
-        flat[first + line * size + columns[0]] * (1.0 - part_column)
-        + flat[first + line * size + columns[1]] * part_column
+        pick(flat, first + line * size + columns[0]) * (1.0 - part_column)
+        + pick(flat, first + line * size + columns[1]) * part_column
         for line in rows
     )
     return upper * (1.0 - part_row) + lower * part_row
