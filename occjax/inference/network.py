@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
-from occjax.models.cascade import stage_output
+from occjax.models.stages import stage_output
 from occjax.ops import (
     coarse_volume,
     concatenate,
@@ -82,7 +82,7 @@ def infer(
             ),
             height=views.shape[2],
             rows=strip_rows,
-            halo=stage.halo,
+            halo=stage.aggregation.halo,
         )
         outputs.append(stage_output(scores, values, before, attention, maps))
     return tuple(outputs)

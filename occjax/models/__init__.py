@@ -1,22 +1,29 @@
 """Networks as Flax modules, built from frozen configurations, and their weights."""
 
-from occjax.models.cascade import OccCasNet, StageOutput, variable_shapes
+from occjax.models.cascade import OccCasNet, variable_shapes
 from occjax.models.config import (
-    PRESETS,
     FeatureConfig,
+    Hourglass,
     NetworkConfig,
+    Planar,
+    RefinementConfig,
+    Residual,
     StageConfig,
-    preset,
-    sampled,
 )
 from occjax.models.fetch import fetch_published_weights
+from occjax.models.presets import PRESETS, preset, sampled
+from occjax.models.stages import StageOutput
 from occjax.models.weights import load_weights, save_weights
 
 __all__ = [
     "PRESETS",
     "FeatureConfig",
+    "Hourglass",
     "NetworkConfig",
     "OccCasNet",
+    "Planar",
+    "RefinementConfig",
+    "Residual",
     "StageConfig",
     "StageOutput",
     "fetch_published_weights",

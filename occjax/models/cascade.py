@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -14,33 +12,16 @@ from occjax.errors import InputError
 from occjax.models.aggregation import Aggregation, ViewAttention
 from occjax.models.config import NetworkConfig
 from occjax.models.features import FeatureNetwork
+from occjax.models.sectors import SectorCascade
+from occjax.models.stages import StageOutput, stage_output
 from occjax.ops import (
     coarse_volume,
-    expected_disparity,
     occlusion_maps,
     occlusion_weights,
     refined_volume,
     view_offsets,
 )
 from occjax.ops.sampling import as_images
-
-
-class StageOutput(NamedTuple):
-    """What one stage found.
-
-    Attributes:
-        disparity: ``[h, w]`` of the centre view, pixels per view step.
-        probabilities: ``[d, h, w]`` of the candidates.
-        candidates: ``[d]``; added to the disparity of the stage before, if there is one.
-        attention: ``[v, u]`` weight of each view, if the stage has attention.
-        occlusion: ``[v, u, h, w]`` occlusion maps in [0, 1], if the stage uses them.
-    """
-
-    disparity: Float[Array, "h w"]
-    probabilities: Float[Array, "d h w"]
-    candidates: Float[Array, " d"]
-    attention: Float[Array, "v u"] | None
-    occlusion: Float[Array, "v u h w"] | None
 
 
 class OccCasNet(nn.Module):
@@ -69,6 +50,9 @@ class OccCasNet(nn.Module):
     def setup(self) -> None:
         """Name the parts."""
         config = self.config
+        if config.views is None:
+            self.sectors = SectorCascade(config, dtype=self.dtype)
+            return
         self.features = FeatureNetwork(config.features, dtype=self.dtype)
         stages = config.stages[:1] if config.shared_aggregation else config.stages
         self.attention = [
@@ -76,7 +60,8 @@ class OccCasNet(nn.Module):
             for stage in stages
         ]
         self.aggregation = [
-            Aggregation(stage.width, stage.residual_pairs, dtype=self.dtype) for stage in stages
+            Aggregation(stage.aggregation.width, stage.aggregation.pairs, dtype=self.dtype)
+            for stage in stages
         ]
 
     def __call__(
@@ -86,26 +71,35 @@ class OccCasNet(nn.Module):
         train: bool = False,
         candidates: Float[Array, " d"] | None = None,
         ground_truth: Float[Array, "h w"] | None = None,
+        offsets: Float[Array, "v u 2"] | None = None,
     ) -> tuple[StageOutput, ...]:
         """Estimate disparity, stage by stage.
 
         Args:
-            views: ``[v, u, h, w]`` grey views in [0, 1].
+            views: ``[v, u, h, w]`` grey views in [0, 1]; the centre view is ``[v // 2, u // 2]``.
             train: Normalise by batch statistics; needs ``mutable=["batch_stats"]`` and a vmapped
                 axis named ``"batch"``.
             candidates: ``[d]`` disparities of the first stage in place of the configured ones. With
                 trained weights only their offset is free: a network knows its interval.
             ground_truth: ``[h, w]`` disparity, needed where a stage's occlusion is
                 ``"ground_truth"``.
+            offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, for a
+                network of any arrangement of views; a regular grid by default. Without
+                ``candidates`` the configured ones are scaled to the largest offset.
 
         Returns:
-            One :class:`StageOutput` per stage; the last is the answer.
+            One :class:`StageOutput` per stage, and one for the last refinement if there is one; the
+            last is the answer.
 
         Raises:
             InputError: If the grid is not the configured one.
             ValueError: If the ground truth is missing.
         """
         self.check_grid(views)
+        if self.config.views is None:
+            if offsets is None:
+                offsets = view_offsets(*views.shape[:2])
+            return self.sectors(views, offsets, candidates, train=train)
         features = self.extract(views, train=train)
         outputs: list[StageOutput] = []
         for index, stage in enumerate(self.config.stages):
@@ -127,7 +121,7 @@ class OccCasNet(nn.Module):
             InputError: With the two grids in its message.
         """
         as_images(views, "v u h w")
-        if views.shape[:2] != self.config.views:
+        if self.config.views is not None and views.shape[:2] != self.config.views:
             v, u = self.config.views
             raise InputError(
                 f"the network takes grey views [{v}, {u}, H, W], not {list(views.shape)}"
@@ -237,24 +231,6 @@ class OccCasNet(nn.Module):
         return 0 if self.config.shared_aggregation else index
 
 
-def stage_output(
-    scores: Float[Array, "d h w"],
-    candidates: Float[Array, " d"],
-    before: Float[Array, "h w"] | None,
-    attention: Float[Array, "v u"] | None,
-    occlusion: Float[Array, "v u h w"] | None,
-) -> StageOutput:
-    """Regression (eqs. 9 and 10).
-
-    The sign of the cost is learned: the published code takes softmax(C), not softmax(-C).
-    """
-    probabilities = jax.nn.softmax(scores, axis=0)
-    disparity = expected_disparity(probabilities, candidates)
-    if before is not None:
-        disparity = before + disparity
-    return StageOutput(disparity, probabilities, candidates, attention, occlusion)
-
-
 def variable_shapes(config: NetworkConfig) -> dict:
     """Shapes and types of a network's variables, without computing any.
 
@@ -264,5 +240,5 @@ def variable_shapes(config: NetworkConfig) -> dict:
     Returns:
         ``variables`` with a ``jax.ShapeDtypeStruct`` in place of each array.
     """
-    views = jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32)
+    views = jax.ShapeDtypeStruct((*(config.views or (1, 3)), 16, 16), jnp.float32)
     return jax.eval_shape(OccCasNet(config).init, jax.random.key(0), views)

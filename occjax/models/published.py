@@ -157,7 +157,7 @@ def _layers_in_creation_order(config: NetworkConfig) -> Iterator[_Layer]:
             for name in ("hidden", "octant"):
                 yield _Layer("conv3d", (f"attention_{index}", name), ("kernel", "bias"))
         pairs = [
-            f"pair_{pair}_conv_{half}" for pair in range(stage.residual_pairs) for half in (0, 1)
+            f"pair_{pair}_conv_{half}" for pair in range(stage.aggregation.pairs) for half in (0, 1)
         ]
         for name in ("conv_0", "conv_1", *pairs, "conv_2"):
             yield convolution("conv3d", f"aggregation_{index}", name)

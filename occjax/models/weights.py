@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,9 @@ from safetensors.numpy import save_file
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.models.cascade import variable_shapes
-from occjax.models.config import FeatureConfig, NetworkConfig, StageConfig, Warp, preset
+from occjax.models.config import NetworkConfig, Warp
+from occjax.models.description import config_from_json, config_to_json, first_difference
+from occjax.models.presets import preset
 from occjax.models.published import load_published_weights
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
@@ -46,7 +47,7 @@ def save_weights(
         for name, value in traverse_util.flatten_dict(variables, sep="/").items()
     }
     _check_fit(path, tensors, config)
-    description = {**(metadata or {}), "config": json.dumps(dataclasses.asdict(config))}
+    description = {**(metadata or {}), "config": config_to_json(config)}
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata=description)
 
@@ -85,7 +86,7 @@ def load_weights(
             config, warp=stored.warp, feature_statistics=stored.feature_statistics
         )
         if wanted != stored:
-            difference = _first_difference(wanted, stored)
+            difference = first_difference(wanted, stored)
             raise InputError(f"{path}: was made for another network: {difference}")
     return variables, stored if warp is None else dataclasses.replace(stored, warp=warp)
 
@@ -100,8 +101,8 @@ def _load_safetensors(path: Path) -> tuple[dict, NetworkConfig]:
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path}: is not a readable safetensors file ({error})") from error
     try:
-        config = _config_from_json(metadata["config"])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        config = config_from_json(metadata["config"])
+    except (KeyError, ValueError) as error:
         raise InputError(
             f"{path}: holds no network configuration of this version; was it written by occjax?"
         ) from error
@@ -122,34 +123,3 @@ def _check_fit(path: Path, flat: Mapping[str, Any], config: NetworkConfig) -> No
             raise InputError(f"{path}: {name} is {shapes}")
         if not jnp.isfinite(flat[name]).all():
             raise InputError(f"{path}: {name} is not finite")
-
-
-def _config_from_json(text: str) -> NetworkConfig:
-    """The inverse of ``json.dumps(dataclasses.asdict(config))``."""
-
-    def tuples(value):
-        return tuple(tuples(item) for item in value) if isinstance(value, list) else value
-
-    fields = {key: tuples(value) for key, value in json.loads(text).items()}
-    fields["features"] = FeatureConfig(**{k: tuples(v) for k, v in fields["features"].items()})
-    fields["stages"] = tuple(
-        StageConfig(**{k: tuples(v) for k, v in stage.items()}) for stage in fields["stages"]
-    )
-    return NetworkConfig(**fields)
-
-
-def _first_difference(wanted: NetworkConfig, stored: NetworkConfig) -> str:
-    ours, theirs = (_flat(dataclasses.asdict(config)) for config in (wanted, stored))
-    name = next(name for name in (*ours, *theirs) if ours.get(name) != theirs.get(name))
-    return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
-
-
-def _flat(value: Any, name: str = "") -> dict[str, Any]:
-    """Fields of a configuration by their path, such as ``stages[0].width``."""
-    if isinstance(value, dict):
-        parts = [(f"{name}.{key}" if name else key, item) for key, item in value.items()]
-    elif isinstance(value, tuple) and value and isinstance(value[0], dict):
-        parts = [(f"{name}[{index}]", item) for index, item in enumerate(value)]
-    else:
-        return {name: value}
-    return {path: leaf for part, item in parts for path, leaf in _flat(item, part).items()}

@@ -12,6 +12,15 @@ from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity
 from occjax.ops.regression import Confidence, confidence, expected_disparity, soft_argmin
 from occjax.ops.sampling import shift, warp
+from occjax.ops.sectors import (
+    SectorCosts,
+    SectorSteps,
+    coarse_sector_costs,
+    refined_sector_costs,
+    sector_channels,
+    sector_of,
+    sector_steps,
+)
 from occjax.ops.volume import (
     coarse_volume,
     concatenate,
@@ -23,9 +32,12 @@ from occjax.ops.volume import (
 
 __all__ = [
     "Confidence",
+    "SectorCosts",
+    "SectorSteps",
     "aperture_costs",
     "box_filter",
     "central_differences",
+    "coarse_sector_costs",
     "coarse_volume",
     "concatenate",
     "confidence",
@@ -38,7 +50,11 @@ __all__ = [
     "occlusion_maps",
     "occlusion_weights",
     "refine_disparity",
+    "refined_sector_costs",
     "refined_volume",
+    "sector_channels",
+    "sector_of",
+    "sector_steps",
     "semi_global",
     "shift",
     "soft_argmin",

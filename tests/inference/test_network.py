@@ -9,7 +9,7 @@ import pytest
 
 from occjax.errors import InputError
 from occjax.inference.network import infer
-from occjax.models import OccCasNet, StageConfig, preset, sampled
+from occjax.models import OccCasNet, Residual, StageConfig, preset, sampled
 from tests.reference.variables import random_variables
 
 CONFIG = preset("tiny", warp="transposed")  # halo of 6 pixels
@@ -48,7 +48,7 @@ def test_inference_is_differentiable_and_vmappable(case):
 
 
 def test_memory_of_strips_stays_below_that_of_the_whole_volume():
-    stage = StageConfig(sampled(-2.0, 2.0, 0.25), width=32, residual_pairs=1)
+    stage = StageConfig(sampled(-2.0, 2.0, 0.25), aggregation=Residual(32, 1))
     config = preset("tiny", stages=(stage,))
     variables = random_variables(config)
     views = jax.ShapeDtypeStruct((3, 3, 256, 64), jnp.float32)

@@ -10,6 +10,7 @@ from occjax.models import (
     FeatureConfig,
     NetworkConfig,
     OccCasNet,
+    Residual,
     StageConfig,
     preset,
     sampled,
@@ -91,7 +92,10 @@ def test_an_unknown_preset_lists_the_known_ones():
         ({"stages": (StageConfig((0.0, 1.0)),), "views": (4, 4)}, "attention=False"),
         (
             {
-                "stages": (StageConfig((0.0, 1.0)), StageConfig((0.0, 1.0), width=8)),
+                "stages": (
+                    StageConfig((0.0, 1.0)),
+                    StageConfig((0.0, 1.0), aggregation=Residual(width=8)),
+                ),
                 "shared_aggregation": True,
             },
             "agree in width",
@@ -127,7 +131,7 @@ def test_a_misspelt_option_does_not_mean_another_network(build, message):
 
 
 def test_without_attention_any_grid_can_be_configured():
-    stage = StageConfig((-1.0, 0.0, 1.0), width=4, residual_pairs=1, attention=False)
+    stage = StageConfig((-1.0, 0.0, 1.0), aggregation=Residual(4, 1), attention=False)
     config = NetworkConfig((stage,), views=(1, 4))
     views = jax.ShapeDtypeStruct((1, 4, 8, 8), jnp.float32)
     (output,), _ = jax.eval_shape(OccCasNet(config).init_with_output, jax.random.key(0), views)

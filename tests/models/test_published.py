@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.models import OccCasNet, preset
+from occjax.models import OccCasNet, Residual, preset
 from occjax.models.published import load_published_weights
 from occjax.models.weights import load_weights
 from occjax.ops import occlusion_weights
@@ -74,7 +74,7 @@ def small_config(fixture, **changes):
         tuple(map(float, arrays[name])) for name in ("coarse_candidates", "refined_candidates")
     ]
     stages = tuple(
-        dataclasses.replace(stage, candidates=values, width=8)
+        dataclasses.replace(stage, candidates=values, aggregation=Residual(width=8))
         for stage, values in zip((coarse, refined), candidates, strict=True)
     )
     return preset("occcasnet", stages=stages, **changes)

@@ -1,0 +1,97 @@
+"""Network configurations as JSON, and how two of them differ."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+from occjax.models.config import (
+    FeatureConfig,
+    Hourglass,
+    NetworkConfig,
+    Planar,
+    RefinementConfig,
+    Residual,
+    StageConfig,
+)
+
+_KINDS = {
+    kind.__name__: kind
+    for kind in (
+        FeatureConfig,
+        Hourglass,
+        NetworkConfig,
+        Planar,
+        RefinementConfig,
+        Residual,
+        StageConfig,
+    )
+}
+
+
+def config_to_json(config: NetworkConfig) -> str:
+    """A configuration as JSON; every part says of which kind it is.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> config_from_json(config_to_json(preset("light"))) == preset("light")
+        True
+    """
+
+    def encoded(value: Any) -> Any:
+        if dataclasses.is_dataclass(value):
+            fields = {
+                field.name: encoded(getattr(value, field.name))
+                for field in dataclasses.fields(value)
+            }
+            return {"kind": type(value).__name__, **fields}
+        return [encoded(item) for item in value] if isinstance(value, tuple) else value
+
+    return json.dumps(encoded(config))
+
+
+def config_from_json(text: str) -> NetworkConfig:
+    """The inverse of :func:`config_to_json`.
+
+    Args:
+        text: JSON.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        ValueError: If the text describes no network of this version.
+    """
+
+    def decoded(value: Any) -> Any:
+        if isinstance(value, dict):
+            fields = {key: decoded(item) for key, item in value.items()}
+            return _KINDS[fields.pop("kind")](**fields)
+        return tuple(decoded(item) for item in value) if isinstance(value, list) else value
+
+    try:
+        config = decoded(json.loads(text))
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"no network configuration of this version: {error}") from error
+    if not isinstance(config, NetworkConfig):
+        raise ValueError("no network configuration")
+    return config
+
+
+def first_difference(wanted: NetworkConfig, stored: NetworkConfig) -> str:
+    """The first field in which two configurations differ, with both values."""
+    ours, theirs = (_flat(json.loads(config_to_json(config))) for config in (wanted, stored))
+    name = next(name for name in (*ours, *theirs) if ours.get(name) != theirs.get(name))
+    return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    """Fields of a configuration by their path, such as ``stages[0].occlusion``."""
+    if isinstance(value, dict):
+        parts = [(f"{name}.{key}" if name else key, item) for key, item in value.items()]
+    elif isinstance(value, list) and value and isinstance(value[0], dict):
+        parts = [(f"{name}[{index}]", item) for index, item in enumerate(value)]
+    else:
+        return {name: value}
+    return {path: leaf for part, item in parts for path, leaf in _flat(item, part).items()}

@@ -1,0 +1,185 @@
+"""Costs of the aperture's sectors against NumPy loops, and what they promise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.ops import (
+    coarse_sector_costs,
+    refined_sector_costs,
+    sector_channels,
+    sector_of,
+    sector_steps,
+    view_offsets,
+)
+from tests.reference import sectors as reference
+from tests.scenes import plane
+
+TOLERANCE = 0.1
+STAR = jnp.array(
+    [
+        (t, s)
+        for t in (-2, -1, 0, 1, 2)
+        for s in (-2, -1, 0, 1, 2)
+        if 0 in (t, s) or abs(t) == abs(s)
+    ],
+    jnp.float32,
+)[None]
+"""The 17 views on the row, the column and the diagonals of a 5x5 grid, the centre amidst."""
+
+
+def _random(*shape, seed=0):
+    return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
+
+
+def _arrangement(name):
+    """Offsets [v, u, 2] of a full grid, a row, or a list of views in no order."""
+    if name == "star":
+        return STAR
+    return view_offsets(*{"grid": (3, 3), "row": (1, 4), "even": (2, 2)}[name])
+
+
+ARRANGEMENTS = pytest.mark.parametrize("name", ["grid", "row", "even", "star"])
+
+
+def test_sectors_go_round_from_the_right_over_below():
+    around = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]
+    assert sector_of(jnp.array(around, jnp.float32)).tolist() == list(range(8))
+
+
+@ARRANGEMENTS
+def test_coarse_costs_are_sums_over_the_views_of_each_sector(name, tolerance):
+    offsets = _arrangement(name)
+    features = _random(*offsets.shape[:2], 6, 7, 2)
+    candidates = jnp.array([-1.3, 0.0, 0.75])
+    costs = jax.jit(coarse_sector_costs)(features, candidates, offsets=offsets)
+    sums, weights = reference.coarse_sector_costs(*map(np.asarray, (features, candidates, offsets)))
+    np.testing.assert_allclose(costs.sums, sums, **tolerance("float32"))
+    np.testing.assert_array_equal(costs.weights, weights)
+
+
+@ARRANGEMENTS
+def test_refined_costs_are_weighted_by_visibility(name, tolerance):
+    offsets = _arrangement(name)
+    views, disparity = _random(*offsets.shape[:2], 6, 7), _random(6, 7, seed=1) - 0.5
+    candidates = jnp.array([-0.4, 0.0, 0.4])
+    costs = jax.jit(refined_sector_costs, static_argnames="tolerance")(
+        views, disparity, candidates, tolerance=TOLERANCE, offsets=offsets
+    )
+    sums, weights = reference.refined_sector_costs(
+        *map(np.asarray, (views, disparity, candidates, offsets)), TOLERANCE
+    )
+    np.testing.assert_allclose(costs.sums, sums, **tolerance("float32"))
+    np.testing.assert_allclose(costs.weights, weights, **tolerance("float32"))
+
+
+@ARRANGEMENTS
+def test_steps_are_weighted_sums_of_residuals_and_derivatives(name, tolerance):
+    offsets = _arrangement(name)
+    views, disparity = _random(*offsets.shape[:2], 6, 7), _random(6, 7, seed=1) - 0.5
+    steps = jax.jit(sector_steps, static_argnames="tolerance")(
+        views, disparity, tolerance=TOLERANCE, offsets=offsets
+    )
+    expected = reference.sector_steps(*map(np.asarray, (views, disparity, offsets)), TOLERANCE)
+    np.testing.assert_allclose(np.stack(steps), expected, **tolerance("float32"))
+
+
+def test_channels_are_sectors_whole_aperture_and_best_half():
+    features = _random(5, 5, 9, 9, 2)
+    candidates = jnp.array([-0.5, 0.0, 0.5])
+    costs = coarse_sector_costs(features, candidates)
+    everywhere = (slice(None), slice(None), slice(2, 7), slice(2, 7))  # where all sectors are seen
+    expected = reference.sector_channels(
+        *(np.asarray(array)[everywhere] for array in (costs.sums, costs.weights))
+    )
+    # A thousandth of a view stands for all others where a sector sees nothing.
+    np.testing.assert_allclose(sector_channels(costs)[everywhere], expected, atol=2e-3)
+
+
+def test_a_sector_without_views_has_the_mean_of_the_others():
+    features = _random(1, 5, 9, 9, 1)
+    costs = coarse_sector_costs(features, jnp.zeros(1))
+    channels = sector_channels(costs)
+    assert costs.weights[2].max() == 0  # a row of views has none above or below
+    np.testing.assert_allclose(channels[2], channels[8], rtol=1e-5)
+
+
+def test_a_point_hidden_on_one_side_costs_nothing_in_the_other_half():
+    views = (
+        jnp.zeros((3, 3, 6, 6)).at[:, 2:].set(1.0)
+    )  # seen by the centre view and those left of it
+    costs = coarse_sector_costs(views[..., None], jnp.zeros(1))
+    whole, best = sector_channels(costs)[-2:]
+    assert whole.min() > 0.3
+    assert best.max() < 1e-3
+
+
+def test_costs_are_least_at_the_true_disparity_of_a_slanted_plane():
+    scene = plane(grid=(5, 5), size=(32, 40), disparity=-0.4, slope=(0.004, 0.01))
+    views, truth = jnp.asarray(scene.grey()), jnp.asarray(scene.ground_truth)
+    candidates = jnp.linspace(-1, 1, 41)
+    costs = coarse_sector_costs(views[..., None], candidates)
+    best = candidates[sector_channels(costs)[8].argmin(0)]
+    assert np.quantile(jnp.abs(best - truth)[4:-4, 4:-4], 0.8) < 0.051
+
+    residuals = jnp.linspace(-0.2, 0.2, 9)
+    costs = refined_sector_costs(views, truth + 0.1, residuals, tolerance=1.0)
+    best = residuals[sector_channels(costs)[8].argmin(0)]
+    assert np.quantile(jnp.abs(best + 0.1)[4:-4, 4:-4], 0.8) < 0.051
+
+
+def test_every_sector_steps_to_the_true_disparity():
+    # Waves so long that bilinear reading and central differences are nearly exact.
+    y, x = np.mgrid[:32, :40].astype(float)
+    views = np.empty((5, 5, 32, 40), np.float32)
+    for row, column in np.ndindex(5, 5):
+        point_y, point_x = y + 0.3 * (row - 2), x + 0.3 * (column - 2)
+        views[row, column] = 0.5 + 0.2 * np.sin(0.2 * point_x + 0.05 * point_y)
+        views[row, column] += 0.2 * np.sin(0.17 * point_y - 0.06 * point_x)
+    steps = sector_steps(jnp.asarray(views), jnp.full((32, 40), 0.25), tolerance=1.0)
+    inner = np.s_[:, 6:-6, 6:-6]
+    information, push = np.asarray(steps.information)[inner], np.asarray(steps.push)[inner]
+    textured = information > 0.2 * information.max((1, 2), keepdims=True)
+    assert np.abs((push / information)[textured] - 0.05).max() < 0.003
+
+
+def test_gradient_in_the_features_is_that_of_finite_differences():
+    offsets = _arrangement("grid")
+    features, weights = _random(3, 3, 5, 6, 2), _random(8, 2, 5, 6, seed=3)
+    candidates = jnp.array([-0.7, 0.35])
+    with jax.enable_x64(True):
+
+        def loss(features):
+            return jnp.sum(
+                coarse_sector_costs(features, candidates, offsets=offsets).sums * weights
+            )
+
+        features = jnp.asarray(features, jnp.float64)
+        weights = jnp.asarray(weights, jnp.float64)
+        direction = jnp.asarray(_random(3, 3, 5, 6, 2, seed=5), jnp.float64) - 0.5
+        step = 1e-5
+        expected = (
+            (loss(features + step * direction) - loss(features - step * direction)) / 2 / step
+        )
+        along = jnp.vdot(jax.grad(loss)(features), direction)
+    assert abs(float(along) / float(expected) - 1) < 1e-6
+
+
+def test_the_order_of_the_views_does_not_matter(tolerance):
+    views, disparity = _random(1, 17, 6, 7), _random(6, 7, seed=1)
+    turned = np.concatenate([np.arange(8)[::-1], [8], np.arange(9, 17)[::-1]])
+    steps = sector_steps(views, disparity, tolerance=TOLERANCE, offsets=STAR)
+    again = sector_steps(views[:, turned], disparity, tolerance=TOLERANCE, offsets=STAR[:, turned])
+    for one, other in zip(steps, again, strict=True):
+        np.testing.assert_allclose(one, other, **tolerance("float32"))
+
+
+@pytest.mark.parametrize("function", [refined_sector_costs, sector_steps])
+def test_a_single_view_is_refused(function):
+    arguments = (jnp.zeros((1, 1, 4, 4)), jnp.zeros((4, 4)))
+    if function is refined_sector_costs:
+        arguments = (*arguments, jnp.zeros(1))
+    with pytest.raises(InputError, match="one view has no disparity"):
+        function(*arguments, tolerance=0.1)
