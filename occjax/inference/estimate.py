@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import time
 from collections.abc import Callable
@@ -16,22 +17,18 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.inference.network import infer
 from occjax.inference.photometric import PhotometricConfig, photometric
+from occjax.inference.preparation import check_range, for_any_views, for_grid, for_photometric
 from occjax.inference.result import Estimate
-from occjax.io import check
 from occjax.lightfield import LightField
 from occjax.models import PRESETS, NetworkConfig, preset
 from occjax.models.config import Warp
 from occjax.models.weights import load_weights
-from occjax.ops import confidence
+from occjax.ops import confidence, occlusion_maps
 
 Precision = Literal["float32", "bfloat16"]
 Say = Callable[[str], None]
 
 PHOTOMETRIC = "photometric"
-INTERVAL = 0.1
-"""Spacing of the photometric candidates, in pixels per view step."""
-MOST_CANDIDATES = 1024
-"""A range that needs more is a mistake: the scene would move by hundreds of pixels."""
 MODELS = (PHOTOMETRIC, *PRESETS)
 
 
@@ -148,11 +145,16 @@ class Estimator:
             InputError: If the light field does not fit the model, or the range is none.
         """
         if disparity_range is not None:
-            _check_range(disparity_range)
-        prepare = self._prepare_photometric
+            check_range(disparity_range)
+        if isinstance(self.config, PhotometricConfig):
+            ready = for_photometric(light_field, disparity_range)
+        elif self.config.views is None:
+            ready = for_any_views(light_field, disparity_range, self.config)
+        else:
+            ready = for_grid(light_field, disparity_range, self.config)
+        arguments = ready.arguments
         if isinstance(self.config, NetworkConfig):
-            prepare = self._prepare_network
-        arguments, searched, notes = prepare(light_field, disparity_range)
+            arguments = (self._variables, *arguments)
 
         seconds = {}
         say("compiling")
@@ -167,58 +169,12 @@ class Estimator:
         seconds["run"] = time.perf_counter() - begin
         return Estimate(
             **result,
-            disparity_range=searched,
+            disparity_range=ready.searched,
             model=self.model,
             weights=self.weights,
-            notes=(*self.notes, *notes),
+            notes=(*self.notes, *ready.notes),
             seconds=seconds,
         )
-
-    def _prepare_photometric(self, light_field, disparity_range):
-        (low, high), notes = _choose_range(light_field, disparity_range)
-        if (high - low) / INTERVAL > MOST_CANDIDATES:
-            raise InputError(
-                f"{light_field.name}: the disparity range [{low:g}, {high:g}] is too wide; "
-                f"at most {MOST_CANDIDATES * INTERVAL:g} pixels per view step can be searched"
-            )
-        # A multiple of eight candidates: scenes of similar range then share a compilation.
-        number = 8 * int(np.ceil(((high - low) / INTERVAL + 1) / 8))
-        candidates = np.linspace(low, high, number, dtype=np.float32)
-        offsets = light_field.positions
-        if offsets is not None:
-            offsets = np.asarray(offsets, np.float32)
-        return (light_field.floating(), candidates, offsets), (low, high), notes
-
-    def _prepare_network(self, light_field, disparity_range):
-        config, notes = self.config, []
-        light_field, cropped = _crop(light_field, config.views)
-        notes += cropped
-        if light_field.positions is not None:
-            notes.append("the views' irregular positions are ignored: the network assumes a grid")
-        candidates = np.asarray(config.stages[0].candidates, np.float32)
-        wanted = disparity_range or light_field.disparity_range
-        covered = (float(candidates[0]), float(candidates[-1]))
-        if wanted is not None and not (covered[0] <= wanted[0] and wanted[1] <= covered[1]):
-            candidates = candidates + np.float32((sum(wanted) - sum(covered)) / 2)
-            covered = (float(candidates[0]), float(candidates[-1]))
-            notes.append(f"candidates moved to [{covered[0]:.2f}, {covered[1]:.2f}]")
-        if wanted is not None and wanted[1] - wanted[0] > covered[1] - covered[0] + 1e-6:
-            message = (
-                f"the network covers {covered[1] - covered[0]:g} pixels of disparity, less than "
-                f"the range [{wanted[0]:g}, {wanted[1]:g}]"
-            )
-            if disparity_range is not None:
-                raise InputError(f"{message}; the photometric model takes any range")
-            notes.append(message)
-        truth = None
-        if any(stage.occlusion == "ground_truth" for stage in config.stages):
-            truth = light_field.ground_truth
-            if truth is None:
-                raise InputError(
-                    f"{light_field.name}: {self.model} takes occlusion maps from the ground truth, "
-                    "and there is none"
-                )
-        return (self._variables, light_field.grey(), candidates, truth), covered, notes
 
 
 @functools.lru_cache(maxsize=64)
@@ -232,80 +188,45 @@ def _run_photometric(views, candidates, offsets, *, config):
     return photometric(views, candidates, offsets=offsets, config=config)._asdict()
 
 
-def _run_network(variables, views, candidates, ground_truth, *, config, dtype):
+def _run_network(variables, views, candidates, offsets, ground_truth, *, config, dtype):
     stages = infer(
         variables,
         views,
         config,
         candidates=candidates,
         ground_truth=ground_truth,
+        offsets=offsets,
         dtype=jnp.dtype(dtype),
     )
-    readings = [confidence(stage.probabilities, stage.candidates) for stage in stages]
-    # A refined stage cannot know that the stage before chose the wrong surface: the least certain
-    # stage speaks for all.
-    certainty = [
-        reading.certainty(len(stage.candidates))
-        for reading, stage in zip(readings, stages, strict=True)
-    ]
+    disparity = stages[-1].disparity
+    h, w = disparity.shape
+    certainty, deviation = [], None
+    for stage in stages:
+        if stage.probabilities is None:
+            continue
+        reading = confidence(stage.probabilities, stage.candidates)
+        readings = (reading.certainty(len(stage.candidates)), reading.standard_deviation)
+        if readings[0].shape != (h, w):
+            readings = tuple(jnp.repeat(jnp.repeat(each, 2, 0), 2, 1)[:h, :w] for each in readings)
+        certainty.append(readings[0])
+        deviation = readings[1]
+    occlusion = stages[-1].occlusion
+    if config.views is None:
+        occlusion = occlusion_maps(views[..., None], disparity, offsets=offsets)
     return {
-        "disparity": stages[-1].disparity,
+        "disparity": disparity,
+        # A refined stage cannot know that the stage before chose the wrong surface: the least
+        # certain stage speaks for all.
         "confidence": jnp.stack(certainty).min(0),
-        "standard_deviation": readings[-1].standard_deviation,
+        "standard_deviation": deviation,
         "coarse": stages[0].disparity if len(stages) > 1 else None,
-        "occlusion": stages[-1].occlusion,
+        "occlusion": occlusion,
     }
-
-
-def _choose_range(
-    light_field: LightField, asked: tuple[float, float] | None
-) -> tuple[tuple[float, float], list[str]]:
-    if asked is not None:
-        return (float(asked[0]), float(asked[1])), []
-    if light_field.disparity_range is not None:
-        return light_field.disparity_range, []
-    report = check(light_field)
-    low, high = report.disparity_range
-    if not report.measured:
-        note = (
-            f"no texture to measure the disparity range from; [{low:.2f}, {high:.2f}] is searched"
-        )
-    else:
-        note = (
-            f"disparity range [{low:.2f}, {high:.2f}] found by photo-consistency in "
-            f"{report.measured:.0%} of the pixels"
-        )
-    return (low, high), [note]
-
-
-def _check_range(disparity_range: tuple[float, float]) -> None:
-    low, high = disparity_range
-    if not (np.isfinite([low, high]).all() and low + 1e-3 <= high):
-        raise InputError(f"the disparity range needs minimum < maximum, not {low} {high}")
-
-
-def _crop(light_field: LightField, views: tuple[int, int]) -> tuple[LightField, list[str]]:
-    """The central views a network takes."""
-    grid = light_field.grid
-    if grid == views:
-        return light_field, []
-    if grid[0] < views[0] or grid[1] < views[1]:
-        fitting = [
-            name
-            for name, config in PRESETS.items()
-            if config.views[0] <= grid[0] and config.views[1] <= grid[1]
-        ]
-        raise InputError(
-            f"{light_field.name}: has {grid[0]}x{grid[1]} views, the network takes "
-            f"{views[0]}x{views[1]}; use one of {', '.join((PHOTOMETRIC, *fitting))}"
-        )
-    note = f"the central {views[0]}x{views[1]} of {grid[0]}x{grid[1]} views are used"
-    return light_field.central(*views), [note]
 
 
 def _name_of(config: NetworkConfig) -> str:
     """The preset a network is, whichever warp it uses."""
-    for name in PRESETS:
-        if preset(name, warp=config.warp) == config:
+    for name, known in PRESETS.items():
+        if known == dataclasses.replace(config, warp=known.warp):
             return name
     return "custom"

@@ -1,9 +1,13 @@
 """OccCasNet on images of any size in bounded memory.
 
-The aggregation, which takes nearly all of the memory and time, is computed in strips of rows. A
-strip is read with a halo as wide as the aggregation's receptive field, so its inner rows are those
-of the whole image. Two things look at the whole image and are computed before: the features (their
-spatial pyramid reaches far) and the mean over the volume from which the view attention is made.
+For volumes that concatenate features, the aggregation takes nearly all of the memory and time. It
+is computed in strips of rows. A strip is read with a halo as wide as the aggregation's receptive
+field, so its inner rows are those of the whole image. Two things look at the whole image and are
+computed before: the features (their spatial pyramid reaches far) and the mean over the volume from
+which the view attention is made.
+
+Volumes of sectors are computed whole: they have ten channels at half resolution, whatever the
+number of views.
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ def infer(
     *,
     candidates: Float[Array, " d"] | None = None,
     ground_truth: Float[Array, "h w"] | None = None,
+    offsets: Float[Array, "v u 2"] | None = None,
     dtype: DTypeLike = jnp.float32,
     strip_rows: int = 64,
 ) -> tuple[StageOutput, ...]:
@@ -47,6 +52,8 @@ def infer(
         config: The network.
         candidates: ``[d]`` disparities of the first stage in place of the configured ones.
         ground_truth: ``[h, w]`` disparity, for networks whose occlusion maps come from it.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, for
+            networks of any arrangement of views.
         dtype: Type of the convolutions.
         strip_rows: Rows computed at a time; memory is proportional to this plus twice the halo.
 
@@ -61,6 +68,8 @@ def infer(
         raise InputError(f"strip_rows must be positive, not {strip_rows}")
     network = OccCasNet(config, dtype=dtype)
     network.check_grid(views)
+    if config.views is None:
+        return network.apply(variables, views, candidates=candidates, offsets=offsets)
 
     def method(name, *args):
         return network.apply(variables, *args, method=name)

@@ -81,14 +81,21 @@ def load_weights(
         )
     variables, stored = _load_safetensors(path)
     if config is not None:
-        # Neither changes the shape or the meaning of a weight.
-        wanted = dataclasses.replace(
-            config, warp=stored.warp, feature_statistics=stored.feature_statistics
-        )
-        if wanted != stored:
-            difference = first_difference(wanted, stored)
+        if _what_weights_mean(config) != _what_weights_mean(stored):
+            difference = first_difference(*map(_what_weights_mean, (config, stored)))
             raise InputError(f"{path}: was made for another network: {difference}")
-    return variables, stored if warp is None else dataclasses.replace(stored, warp=warp)
+    if warp is None:
+        return variables, stored
+    if stored.views is None:
+        raise InputError(f"{path}: this network has no choice of warp; leave out warp (--warp)")
+    return variables, dataclasses.replace(stored, warp=warp)
+
+
+def _what_weights_mean(config: NetworkConfig) -> NetworkConfig:
+    """The configuration without what changes neither shape nor meaning of a weight."""
+    if config.views is None:
+        return config
+    return dataclasses.replace(config, warp="correct", feature_statistics="pooled")
 
 
 def _load_safetensors(path: Path) -> tuple[dict, NetworkConfig]:
