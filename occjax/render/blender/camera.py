@@ -12,6 +12,7 @@ import mathutils
 import numpy as np
 
 from .geometry import SENSOR_SIZE_MM, Rig
+from .png import essential_chunks
 from .scene import Scene
 from .shading import Graph
 from .stage import look_at
@@ -50,10 +51,6 @@ class Camera:
         stage.render.threads_mode, stage.render.threads = (
             ("FIXED", threads) if threads else ("AUTO", 0)
         )
-        stage.render.use_persistent_data = True
-        for name in dir(stage.render):  # the same picture shall be the same file
-            if name.startswith("use_stamp"):
-                setattr(stage.render, name, False)
         stage.cycles.device = "CPU"
         stage.cycles.use_adaptive_sampling = False
         stage.cycles.use_denoising = False
@@ -129,14 +126,19 @@ class Camera:
         stage.cycles.use_denoising = denoise
         settings = stage.render.image_settings
         settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
+        # Only the camera moves between views. Before, data must not persist: the table of random
+        # numbers would, too, and is made for one number of samples.
+        stage.render.use_persistent_data = True
         temporary = path.with_name(f".{path.name}")
         stage.render.filepath = str(temporary)
         bpy.ops.render.render(write_still=True)
+        temporary.write_bytes(essential_chunks(temporary.read_bytes()))
         os.replace(temporary, path)
 
     def _linear_picture(self, size: tuple[int, int], samples: int) -> np.ndarray:
         """``[h, w, 3]`` radiance seen by the centre camera."""
         stage = bpy.context.scene
+        stage.render.use_persistent_data = False
         self._camera.matrix_world = self._centre
         self._data.shift_x = self._data.shift_y = 0.0
         stage.render.resolution_y, stage.render.resolution_x = size

@@ -91,6 +91,6 @@ def scatter(
             clear = all(np.hypot(x - a, y - b) > radius + other + gap for a, b, other in taken)
             if clear:
                 taken.append((x, y, radius))
-                placed += place(thing, (x, y, height), rng.uniform(0.0, 2.0 * np.pi))
+                placed += place(stand(thing), (x, y, height), rng.uniform(0.0, 2.0 * np.pi))
                 break
     return placed

@@ -126,12 +126,12 @@ def _tall(thing: Thing) -> bool:
 def room(palette: Palette) -> Ingredients:
     """The corner or the end of a furnished room."""
     rng = palette.rng
-    width, depth, height = rng.uniform(3.4, 4.6), rng.uniform(1.6, 2.4), rng.uniform(2.5, 2.9)
+    width, depth, height = rng.uniform(3.8, 4.6), rng.uniform(1.6, 2.4), rng.uniform(3.2, 3.6)
     wall = palette.pick("wall")
     side_wall = wall if rng.uniform() < 0.6 else palette.pick("wall")
     parts: Thing = [
-        Part(sheet(width, 8), palette.pick("floor"), pose((0, depth - 4, 0))),
-        Part(sheet(width, height), wall, pose((0, depth, height / 2), roll=QUARTER)),
+        Part(sheet(width + 4, 8), palette.pick("floor"), pose((0, depth - 4, 0))),
+        Part(sheet(width + 4, height), wall, pose((0, depth, height / 2), roll=QUARTER)),
         Part(
             box(width, 0.02, 0.1),
             palette.pick("lacquer", "wood", size=1),
@@ -163,11 +163,11 @@ def room(palette: Palette) -> Ingredients:
     edge = width / 2 - 0.4
     parts += scatter(rng, middle, (-edge, edge, -0.7, depth - 0.9), gap=0.03)
     for _ in range(rng.integers(0, 3)):
-        lamp = furniture.hanging_lamp(palette, rng.uniform(0.5, 1.1))
+        lamp = furniture.hanging_lamp(palette, rng.uniform(1.0, 1.7))
         parts += place(lamp, (rng.uniform(-1, 1), rng.uniform(-0.5, depth - 0.6), height))
     eye = (-side * rng.uniform(0.0, 0.7), -rng.uniform(2.2, 2.9), rng.uniform(1.0, 1.6))
     target = (side * rng.uniform(0.0, 0.4), 0.4 * depth, rng.uniform(0.7, 1.0))
-    return parts, _lamps(rng, 3.2), _sky(rng, 1.0), eye, target, rng.uniform(28, 38)
+    return parts, _lamps(rng, 1.7, 0.8), _sky(rng, 1.0), eye, target, rng.uniform(35, 43)
 
 
 def _back_wall(palette: Palette, width: float, depth: float, height: float) -> Thing:
@@ -201,7 +201,7 @@ def _back_wall(palette: Palette, width: float, depth: float, height: float) -> T
             parts += _garden(palette, middle, depth, 0.6 * extent)
         if kind == "window":
             for edge in (-0.42, 0.42):
-                cloth = furniture.curtain(palette, 0.3 * extent, height - 0.2)
+                cloth = furniture.curtain(palette, 0.3 * extent, 2.4)
                 parts += place(cloth, (middle + edge * extent, depth - 0.1, 0.0))
         x += extent + rng.uniform(0.0, 0.2)
     return parts
@@ -333,7 +333,11 @@ def _lamps(rng: np.random.Generator, reach: float, level: float = 0.0) -> list[L
     side = rng.choice([-1.0, 1.0])
     warm, cool = hsv(0.09, rng.uniform(0.05, 0.4), 1.0), hsv(0.6, rng.uniform(0.0, 0.3), 1.0)
     aim = (0.0, 0.0, 0.1 + level)
-    key = (side * rng.uniform(0.5, 1.1) * reach, -rng.uniform(0.3, 1.0) * reach, 1.1 * reach)
+    key = (
+        side * rng.uniform(0.5, 1.1) * reach,
+        -rng.uniform(0.3, 1.0) * reach,
+        1.1 * reach + level,
+    )
     power = 40.0 * reach**2
     lights = [Light("AREA", key, aim, reach * rng.uniform(0.15, 0.8), power, warm)]
     if rng.uniform() < 0.7:

@@ -50,6 +50,7 @@ def _light(light: Light) -> None:
     else:
         data.size = light.size
     lamp = _add("light", data)
+    lamp.visible_camera = False
     lamp.matrix_world = look_at(light.location, light.target)
 
 
