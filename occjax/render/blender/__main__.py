@@ -45,7 +45,7 @@ def render(job: dict[str, Any], say) -> None:
     if not record.exists():
         maps = camera.measure()
         rig = fit_rig(maps["depth"], scene.disparity_range, scene.lens_mm)
-        _replace(folder / "geometry.npz", lambda path: _save(path, **maps))
+        _replace(folder / "geometry.npz", lambda path: _save(path, maps))
         facts = {
             "config": config,
             "style": scene.style,
@@ -78,8 +78,9 @@ def _replace(path: Path, write) -> None:
     os.replace(temporary, path)
 
 
-def _save(path: Path, **arrays: np.ndarray) -> None:
+def _save(path: Path, maps: dict[str, np.ndarray]) -> None:
     """An ``.npz`` of exactly this name."""
+    arrays: dict[str, Any] = dict(maps)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)
 

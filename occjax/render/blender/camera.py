@@ -87,8 +87,8 @@ class Camera:
 
     def expose(self) -> float:
         """Set the exposure by a small noisy picture; returns it in stops."""
-        small = tuple(max(8, PREVIEW_SIZE * side // max(self._size)) for side in self._size)
-        picture = self._linear_picture(small, PREVIEW_SAMPLES)
+        height, width = (max(8, PREVIEW_SIZE * side // max(self._size)) for side in self._size)
+        picture = self._linear_picture((height, width), PREVIEW_SAMPLES)
         grey = np.maximum(picture @ np.array([0.2126, 0.7152, 0.0722]), 1e-4)
         middle, bright = np.exp(np.log(grey).mean()), np.percentile(grey, BRIGHT_PERCENTILE)
         return math.log2(min(MIDDLE_GREY / middle, WHITE / bright))

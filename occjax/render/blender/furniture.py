@@ -272,10 +272,9 @@ def lattice(palette: Palette, width: float, height: float) -> Thing:
             if len(path) > 2:
                 bars.append(tube(path, radius, 6))
     if not slope:
-        for z in np.arange(step / 2, height, step):
-            bars.append(
-                tube(np.array([[-width / 2, -radius, z], [width / 2, -radius, z]]), radius, 6)
-            )
+        for level in np.arange(step / 2, height, step):
+            ends = np.array([[-width / 2, -radius, level], [width / 2, -radius, level]])
+            bars.append(tube(ends, radius, 6))
     return [Part(join(*bars), palette.pick("metal", "wood", "plastic", "rust", size=0.2))]
 
 

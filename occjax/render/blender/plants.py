@@ -104,16 +104,14 @@ def cactus(palette: Palette) -> Thing:
     angle = np.arctan2(body.vertices[:, 1], body.vertices[:, 0])
     swell = 1.0 + 0.1 * np.cos(ribs * angle)
     body = body._replace(vertices=body.vertices * np.stack([swell, swell, swell**0], 1))
-    thorns = []
+    thorns, taper = [], np.array([0.0005, 0.0004, 0.0001])
     for turn in TURN * np.arange(ribs) / ribs:
         for level in np.linspace(-0.6, 0.8, 9):
             out = 0.55 * width * np.sqrt(1.0 - level**2)
             foot = np.array([out * np.cos(turn), out * np.sin(turn), (level + 1.0) * height / 2])
             for _ in range(3):
                 tip = foot + 0.012 * (foot / (np.linalg.norm(foot) + 0.02) + rng.normal(0, 0.5, 3))
-                thorns.append(
-                    tube(np.stack([foot, (foot + tip) / 2, tip]), [0.0005, 0.0004, 0.0001], 4)
-                )
+                thorns.append(tube(np.stack([foot, (foot + tip) / 2, tip]), taper, 4))
     skin = palette.pick("foliage", size=0.1)
     return [Part(body, skin), Part(join(*thorns), palette.pick("wax", size=0.01))]
 

@@ -102,7 +102,7 @@ def bowl_of_fruit(palette: Palette) -> Thing:
         ]
     )
     parts = [Part(lathe(profile), palette.pick("ceramic", "wood", "metal", "glass", size=radius))]
-    kind = rng.choice([apple, orange, lemon])
+    kind = (apple, orange, lemon)[rng.choice(3)]
     layers = ((5, 0.5, 0.2), (4, 0.45, 0.75), (1, 0.0, 1.15))
     for count, distance, level in layers:
         for angle in TURN * (np.arange(count) + rng.uniform()) / count:
@@ -229,9 +229,10 @@ def block_tower(palette: Palette) -> Thing:
 def carton(palette: Palette) -> Thing:
     """A box of any proportions."""
     rng = palette.rng
-    size = rng.uniform(0.04, 0.13, 3)
-    material = palette.pick("cover", "wood", "painted", "metal", "paper", size=float(size.max()))
-    return [Part(box(*size, 0.002), material)]
+    width, depth, height = rng.uniform(0.04, 0.13, 3)
+    largest = max(width, depth, height)
+    material = palette.pick("cover", "wood", "painted", "metal", "paper", size=largest)
+    return [Part(box(width, depth, height, 0.002), material)]
 
 
 def stone(palette: Palette) -> Thing:

@@ -100,8 +100,8 @@ def still_life(palette: Palette) -> Ingredients:
         parts = furniture.backdrop(palette, 2.4, 1.6, 1.6)
     else:
         top = Part(box(2.2, 1.3, 0.03, 0.006), palette.pick("table", size=0.6), pose((0, 0, -0.03)))
-        back = pose((0, rng.uniform(0.7, 1.3), 0.5), roll=QUARTER)
-        back = Part(sheet(5, 4), palette.pick("wall"), back)
+        behind = pose((0, rng.uniform(0.7, 1.3), 0.5), roll=QUARTER)
+        back = Part(sheet(5, 4), palette.pick("wall"), behind)
         parts = [top, back]
         if rng.uniform() < 0.3:
             cloth = furniture.drape(palette, 1.1, 0.7)
@@ -179,7 +179,7 @@ def _back_wall(palette: Palette, width: float, depth: float, height: float) -> T
         kind = rng.choice(["shelf", "sofa", "window", "pictures", "radiator"])
         space = width / 2 - x
         if kind == "shelf":
-            columns = int(min(rng.integers(1, 4), space / 0.42))
+            columns = min(int(rng.integers(1, 4)), int(space / 0.42))
             unit = furniture.shelf(palette, columns, int(rng.integers(2, 7)))
             parts += place(unit, (x + 0.21 * columns, depth - 0.18, 0.0))
             x += 0.42 * columns + 0.1
@@ -222,7 +222,7 @@ def _garden(palette: Palette, middle: float, depth: float, width: float) -> Thin
 def shelf(palette: Palette) -> Ingredients:
     """A full shelf, seen from the front, with something on a stand before it."""
     rng = palette.rng
-    columns, rows = rng.integers(4, 6), rng.integers(4, 6)
+    columns, rows = int(rng.integers(4, 6)), int(rng.integers(4, 6))
     unit = furniture.shelf(palette, columns, rows, rng.uniform(0.34, 0.46), rng.uniform(0.27, 0.34))
     behind = Part(sheet(6, 5), palette.pick("wall"), pose((0, 0.3, 1), roll=QUARTER))
     ground = Part(sheet(6, 5), palette.pick("floor"), pose((0, -2.2, 0.0)))

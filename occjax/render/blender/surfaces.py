@@ -262,7 +262,7 @@ class Palette:
         """Of a room: often with hardly any texture, or none."""
         kind = self.rng.choice(["bare", "plaster", "bricks", "paper", "panels"], p=_WALL_SHARES)
         colour = self.colour((0.6, 0.92), 0.5)
-        darker: Colour = tuple(0.8 * channel for channel in colour)
+        darker = (0.8 * colour[0], 0.8 * colour[1], 0.8 * colour[2])
         other = self.colour((0.5, 0.9), 0.6)
         if kind == "bare":
             return self.paint(size)
@@ -290,9 +290,9 @@ class Palette:
         if kind == "planks":
             return Surface("planks", self._wood_colours(), 0.11, "coated", 0.35, 0.001)
         if kind == "tiles":
-            colours = (self.colour((0.5, 0.9), 0.6), self.colour((0.3, 0.9)), hsv(0.1, 0.1, 0.4))
+            glaze = (self.colour((0.5, 0.9), 0.6), self.colour((0.3, 0.9)), hsv(0.1, 0.1, 0.4))
             scale = self.rng.uniform(0.1, 0.25)
-            return Surface(self._one_of("tiles", "checks"), colours, scale, "coated", 0.25, 0.001)
+            return Surface(self._one_of("tiles", "checks"), glaze, scale, "coated", 0.25, 0.001)
         if kind == "concrete":
             colours = tuple(hsv(0.1, 0.06, v) for v in (0.55, 0.4, 0.65))
             return Surface("mottled", colours, 0.6, "matt", 0.6, 0.001)
