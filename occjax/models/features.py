@@ -59,7 +59,7 @@ class FeatureNetwork(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, images: Float[Array, "n h w 1"], *, train: bool) -> Float[Array, "n h w c"]:
+    def __call__(self, images: Float[Array, "n h w 1"], *, train: bool) -> Float[Array, "n i j c"]:
         """Features of n images.
 
         Args:

@@ -74,9 +74,11 @@ class SectorRefinement(nn.Module):
         trust, doubt, around, correction = jnp.split(decided, [SECTORS, SECTORS + 1, SECTORS + 10])
 
         weights = nn.sigmoid(trust)
-        information = (weights * steps.information).sum(0) + jnp.exp(doubt[0] - 9.0)
+        # Never nothing: where nothing is known, a quotient of zeros has no gradient.
+        doubted = jnp.exp(doubt[0] - 9.0) + 0.1 * LEAST_INFORMATION
+        information = (weights * steps.information).sum(0) + doubted
         moved = disparity + jnp.clip((weights * steps.push).sum(0) / information, -largest, largest)
         # Begins near the pixel itself: smoothing is learned where it helps.
-        itself = 3.0 * (jnp.arange(9) == 4)[:, None, None]
+        itself = jnp.where(jnp.arange(9) == 4, 3.0, 0.0)[:, None, None]
         smoothing = jax.nn.softmax(around + itself, axis=0)
         return (smoothing * neighbours(moved)).sum(0) + 0.1 * correction[0]

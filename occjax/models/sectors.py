@@ -153,9 +153,9 @@ def _relative(channels: Float[Array, "k d h w"], floor: float):
 
 def _seen(costs: SectorCosts, offsets) -> Float[Array, "8 h w"]:
     """Share of the views of each sector that are seen."""
-    present = jnp.any(offsets != 0.0, axis=-1)
-    sectors = jax.nn.one_hot(sector_of(offsets), SECTORS) * present[..., None]
-    return costs.weights[:, 0] / jnp.maximum(sectors.sum((0, 1)), 1.0)[:, None, None]
+    present = jnp.any(offsets != 0.0, axis=-1).astype(costs.weights.dtype)
+    views = (jax.nn.one_hot(sector_of(offsets), SECTORS) * present[..., None]).sum((0, 1))
+    return costs.weights[:, 0] / jnp.maximum(views, 1.0)[:, None, None]
 
 
 def _padded(views: Float[Array, "v u h w"], multiple: int) -> Float[Array, "v u i j"]:

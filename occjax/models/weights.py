@@ -80,10 +80,9 @@ def load_weights(
             f"{path}: weights end in .safetensors, or in .h5 or .hdf5 for the published layout"
         )
     variables, stored = _load_safetensors(path)
-    if config is not None:
-        if _what_weights_mean(config) != _what_weights_mean(stored):
-            difference = first_difference(*map(_what_weights_mean, (config, stored)))
-            raise InputError(f"{path}: was made for another network: {difference}")
+    if config is not None and _what_weights_mean(config) != _what_weights_mean(stored):
+        difference = first_difference(*map(_what_weights_mean, (config, stored)))
+        raise InputError(f"{path}: was made for another network: {difference}")
     if warp is None:
         return variables, stored
     if stored.views is None:

@@ -122,11 +122,11 @@ def coarse_sector_costs(
 
     @jax.checkpoint
     def add_view(costs: SectorCosts, view):
-        index, sector, offset, present = view
+        (_, sector, offset, present), components = view
         displacements = -candidates[:, None] * offset[None]
         difference = jnp.zeros((len(candidates), h, w), features.dtype)
         for channel in range(c):
-            shifted = _shifted(components[index, channel], displacements)
+            shifted = _shifted(components[channel], displacements)
             difference = difference + jnp.square(shifted - centre[channel][None])
         seen = (present * _inside(displacements, h, w)).astype(features.dtype)
         return SectorCosts(
@@ -134,7 +134,10 @@ def coarse_sector_costs(
         ), None
 
     nothing = jnp.zeros((SECTORS, len(candidates), h, w), features.dtype)
-    return jax.lax.scan(add_view, SectorCosts(nothing, nothing), views.steps)[0]
+    # Views are handed to the scan, not looked up within it: their gradients are then its outputs,
+    # not a sum over all views that every step would pass on.
+    steps = (views.steps, components[views.steps[0]])
+    return jax.lax.scan(add_view, SectorCosts(nothing, nothing), steps)[0]
 
 
 def refined_sector_costs(
@@ -345,8 +348,13 @@ def _shifted_forward(image, displacements):
 
 
 def _shifted_backward(displacements, cotangents):
-    back = jax.vmap(lambda image, displacement: _shifted(image, -displacement[None])[0])
-    return back(cotangents, displacements).sum(0), jnp.zeros_like(displacements)
+    def add(total, candidate):
+        cotangent, displacement = candidate
+        return total + _shifted(cotangent, -displacement[None])[0], None
+
+    # One candidate after the other: each fits into the cache.
+    total, _ = jax.lax.scan(add, jnp.zeros_like(cotangents[0]), (cotangents, displacements))
+    return total, jnp.zeros_like(displacements)
 
 
 _shifted.defvjp(_shifted_forward, _shifted_backward)

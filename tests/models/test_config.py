@@ -22,7 +22,7 @@ def count(config):
     shapes = jax.eval_shape(
         OccCasNet(config).init,
         jax.random.key(0),
-        jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32),
+        jax.ShapeDtypeStruct((*(config.views or (1, 3)), 16, 16), jnp.float32),
     )
     return sum(array.size for array in jax.tree.leaves(shapes))
 

@@ -1,0 +1,247 @@
+"""The cascade over sectors: what it promises for any arrangement, range and size."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.models import OccCasNet, StageConfig, preset
+from occjax.models.config import Residual
+from occjax.models.description import config_from_json, config_to_json
+from occjax.models.layers import HalvingConvNorm, SeparableVolumeConvNorm, double, halve
+from occjax.models.refinement import SectorRefinement
+from occjax.models.stages import stage_output
+from occjax.models.upsampling import ConvexUpsampling, neighbours
+from occjax.ops import SectorSteps, view_offsets
+from tests.models.test_layers import convolve_by_loops
+from tests.reference.variables import random_variables
+from tests.scenes import plane
+
+CONFIG = preset("light_small")
+
+
+@pytest.fixture(scope="module")
+def variables():
+    return random_variables(CONFIG)
+
+
+@functools.partial(jax.jit, static_argnames="config")
+def apply(variables, views, offsets=None, candidates=None, config=CONFIG):
+    return OccCasNet(config).apply(variables, views, offsets=offsets, candidates=candidates)
+
+
+def _views(*shape, seed=0):
+    return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
+
+
+@pytest.mark.parametrize("shape", [(3, 3, 33, 41), (1, 4, 16, 48), (5, 1, 17, 5), (2, 2, 3, 3)])
+def test_any_grid_and_any_size_give_a_map_of_that_size(variables, shape):
+    outputs = apply(variables, _views(*shape))
+    assert len(outputs) == 3
+    for output in outputs:
+        assert output.disparity.shape == shape[2:]
+        assert np.isfinite(output.disparity).all()
+    assert outputs[0].probabilities.shape == (17, -(-shape[2] // 2), -(-shape[3] // 2))
+    assert outputs[1].probabilities.shape == (9, *shape[2:])
+    for output in outputs[:2]:
+        np.testing.assert_allclose(output.probabilities.sum(0), 1, atol=1e-5)
+
+
+def test_the_order_of_the_views_does_not_matter(variables):
+    views, offsets = _views(3, 3, 16, 16), view_offsets(3, 3)
+    order = np.array([8, 1, 2, 3, 4, 0, 6, 7, 5])  # the centre view stays
+    expected = apply(variables, views, offsets)[-1].disparity
+    shuffled = apply(
+        variables,
+        views.reshape(1, 9, 16, 16)[:, order],
+        offsets.reshape(1, 9, 2)[:, order],
+    )
+    np.testing.assert_allclose(shuffled[-1].disparity, expected, atol=2e-5)
+
+
+def test_views_twice_as_far_apart_have_half_the_disparity(variables):
+    views, offsets = _views(3, 3, 16, 16), view_offsets(3, 3)
+    candidates = jnp.linspace(-3.0, 3.0, 9)
+    near = apply(variables, views, offsets, candidates)
+    far = apply(variables, views, 2 * offsets, candidates / 2)
+    for one, other in zip(near, far, strict=True):
+        np.testing.assert_allclose(other.disparity, one.disparity / 2, atol=1e-5)
+    np.testing.assert_allclose(far[0].candidates, candidates / 2, rtol=1e-6)
+    default = apply(variables, views, 2 * offsets)[0].candidates
+    np.testing.assert_allclose(default, np.linspace(-8, 8, 17), rtol=1e-6)  # reach 4, views 2 apart
+
+
+def test_candidates_of_any_number_can_be_given(variables):
+    views = _views(3, 3, 16, 16)
+    candidates = jnp.linspace(5.0, 9.0, 13)
+    coarse = apply(variables, views, view_offsets(3, 3), candidates)[0]
+    assert coarse.probabilities.shape[0] == 13
+    assert coarse.disparity.min() >= 5.0
+    assert coarse.disparity.max() <= 9.0
+
+
+def test_padding_to_a_multiple_does_not_show_where_the_size_needs_none(variables):
+    views = _views(3, 3, 24, 32)
+    assert CONFIG.multiple == 16
+    padded = jnp.pad(views, ((0, 0), (0, 0), (0, 8), (0, 0)), mode="edge")
+    np.testing.assert_allclose(
+        apply(variables, views)[-1].disparity,
+        apply(variables, padded)[-1].disparity[:24],
+        atol=1e-5,
+    )
+
+
+def test_what_is_fifty_pixels_away_matters():
+    """A network with large untextured areas in mind sees at least 100 pixels across."""
+    config = preset("light")
+    variables = random_variables(config)
+    views = _views(1, 3, 16, 160)
+    changed = views.at[..., 140:].set(views[..., 140:] ** 2)
+    before, after = (apply(variables, each, config=config)[0] for each in (views, changed))
+    difference = np.abs(before.disparity - after.disparity).max(0)
+    assert difference[80:88].max() > 0
+    assert difference[0] < difference[80:].max()
+
+
+def test_half_and_full_grid_have_a_common_middle():
+    """A flipped image gives flipped features: no grid is displaced by half a pixel."""
+    layer = HalvingConvNorm(3)
+    image = _views(1, 12, 8, 2)
+    weights = layer.init(jax.random.key(0), image, train=False)
+    kernel = weights["params"]["conv"]["kernel"]
+    weights["params"]["conv"]["kernel"] = kernel + kernel[::-1]  # symmetric
+    result = layer.apply(weights, image, train=False)
+    assert result.shape == (1, 6, 4, 3)
+    flipped = layer.apply(weights, image[:, ::-1], train=False)
+    np.testing.assert_allclose(flipped, result[:, ::-1], atol=1e-6)
+
+
+def test_separable_convolution_is_one_over_the_image_then_one_over_the_candidates():
+    volume = np.random.default_rng(0).normal(size=(4, 5, 6, 2)).astype(np.float32)
+    layer = SeparableVolumeConvNorm(3)
+    variables = layer.init(jax.random.key(0), jnp.asarray(volume), train=False)
+    planes = np.zeros((3, 3, 3, 2, 3))
+    planes[1] = variables["params"]["planes"]["conv"]["kernel"]
+    candidates = np.zeros((3, 3, 3, 3, 3))
+    candidates[:, 1, 1] = variables["params"]["candidates"]["kernel"][:, 0]
+    normalised = 1 / np.sqrt(1 + 1e-3)  # BatchNorm that has seen nothing
+    inner = np.maximum(convolve_by_loops(volume, planes) * normalised, 0)
+    expected = np.maximum(convolve_by_loops(inner, candidates) * normalised, 0)
+    result = layer.apply(variables, jnp.asarray(volume), train=False)
+    np.testing.assert_allclose(result, expected, atol=1e-5)
+
+
+def test_doubling_then_halving_changes_nothing():
+    image = _views(2, 3, 4, 5)
+    np.testing.assert_allclose(halve(double(image)), image, rtol=1e-6)
+    np.testing.assert_array_equal(double(image)[:, 1::2, ::2], image)
+
+
+def test_upsampled_disparity_stays_between_its_neighbours():
+    disparity, guide = _views(6, 8), _views(1, 6, 8, 4, seed=1)
+    layer = ConvexUpsampling()
+    arguments = (disparity, jnp.ones((6, 8)), guide)
+    result, _ = layer.init_with_output(jax.random.key(0), *arguments, train=False)
+    assert result.shape == (12, 16)
+    around = np.repeat(np.repeat(np.asarray(neighbours(disparity)), 2, 1), 2, 2)
+    assert (result >= around.min(0) - 1e-6).all()
+    assert (result <= around.max(0) + 1e-6).all()
+
+
+def test_neighbours_are_read_row_by_row_with_replicated_borders():
+    image = np.arange(12.0, dtype=np.float32).reshape(3, 4)
+    padded = np.pad(image, 1, mode="edge")
+    for y, x in np.ndindex(3, 4):
+        window = padded[y : y + 3, x : x + 3].ravel()
+        np.testing.assert_array_equal(neighbours(jnp.asarray(image))[:, y, x], window)
+
+
+def test_the_refinement_moves_by_no_more_than_its_bounds():
+    config = CONFIG.refinement
+    steps = SectorSteps(*(_views(8, 5, 6, seed=seed) for seed in range(3)))
+    layer = SectorRefinement(config)
+    disparity = jnp.full((5, 6), 2.0)
+    arguments = (disparity, steps, _views(1, 5, 6, 4))
+    weights = layer.init(jax.random.key(0), *arguments, train=False)
+    decide = weights["params"]["decide"]
+    decide["bias"] = decide["bias"].at[-1].set(0.0)
+    decide["kernel"] = decide["kernel"].at[..., -1].set(0.0)  # no free correction
+    moved = layer.apply(weights, *arguments, train=False) - disparity
+    assert np.abs(moved).max() <= config.largest_step + 1e-6
+    assert np.abs(moved).max() > 0
+
+
+def test_a_window_keeps_a_second_surface_out_of_the_mean():
+    scores = jnp.log(jnp.array([0.0, 0.6, 0.0, 0.0, 0.0, 0.4]) + 1e-9)[:, None, None]
+    candidates = jnp.arange(6.0)
+    whole = stage_output(scores, candidates).disparity
+    near = stage_output(scores, candidates, window=2).disparity
+    np.testing.assert_allclose(whole, 0.6 * 1 + 0.4 * 5, atol=1e-5)
+    np.testing.assert_allclose(near, 1.0, atol=1e-5)
+
+
+def test_the_network_learns_a_plane():
+    """Fifty steps on one light field; that loss and gradients point the same way."""
+    scene = plane(grid=(1, 3), size=(16, 16), disparity=0.3, slope=(0.0, 0.01))
+    views, truth = jnp.asarray(scene.grey())[None], jnp.asarray(scene.ground_truth)[None]
+    config = dataclasses.replace(CONFIG, reach=1.0)
+    variables = random_variables(config)
+
+    def loss(params, statistics):
+        def one(views):
+            return OccCasNet(config).apply(
+                {"params": params, "batch_stats": statistics},
+                views,
+                train=True,
+                mutable=["batch_stats"],
+            )
+
+        outputs, updated = jax.vmap(one, axis_name="batch")(views)
+        errors = [jnp.abs(output.disparity - truth).mean() for output in outputs]
+        return sum(errors), (errors, updated)
+
+    @jax.jit
+    def step(params, statistics):
+        (_, (errors, updated)), gradient = jax.value_and_grad(loss, has_aux=True)(
+            params, statistics
+        )
+        norm = jnp.sqrt(sum(jnp.sum(each**2) for each in jax.tree.leaves(gradient)))
+        params = jax.tree.map(lambda value, slope: value - 0.05 * slope / norm, params, gradient)
+        return params, jax.tree.map(lambda each: each[0], updated["batch_stats"]), errors
+
+    params, statistics = variables["params"], variables["batch_stats"]
+    params, statistics, first = step(params, statistics)
+    for _ in range(50):
+        params, statistics, last = step(params, statistics)
+    assert max(float(error) for error in last) < 0.5 * float(first[0])
+
+
+def test_configurations_survive_json():
+    for name in ("light", "occcasnet", "tiny"):
+        assert config_from_json(config_to_json(preset(name))) == preset(name)
+    with pytest.raises(ValueError, match="no network configuration"):
+        config_from_json('{"stages": []}')
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"views": (9, 9)}, "either all volumes are of sectors"),
+        ({"warp": "transposed"}, "no transposed warp"),
+        ({"stages": CONFIG.stages[::-1]}, "no disparity before|needs Hourglass"),
+        ({"features": preset("tiny").features}, "stride 2"),
+    ],
+)
+def test_networks_that_cannot_be_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(CONFIG, **changes)
+
+
+def test_a_volume_of_sectors_has_neither_attention_nor_the_published_aggregation():
+    with pytest.raises(ValueError, match="aggregated by Hourglass or Planar"):
+        StageConfig((0.0, 1.0), volume="sectors", aggregation=Residual(), attention=False)
+    with pytest.raises(ValueError, match="no attention"):
+        dataclasses.replace(CONFIG.stages[0], attention=True)
