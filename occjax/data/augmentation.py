@@ -117,10 +117,11 @@ def augment(key: Key[Array, ""], sample: Sample, config: AugmentationConfig) -> 
         (3, 3, 16, 16)
     """
     for_frame, for_symmetry, for_tone, for_noise = jax.random.split(key, 4)
+    height, width = sample.disparity.shape
     sample = random_frame(
         for_frame,
         sample,
-        size=config.crop or sample.disparity.shape,
+        size=config.crop or (height, width),
         strides=config.strides,
         shear=config.shear,
         whole_shear=config.whole_shear,
@@ -150,7 +151,7 @@ def augment_batch(keys: Key[Array, " b"], batch: Sample, config: AugmentationCon
     Returns:
         The varied batch.
     """
-    return jax.lax.map(lambda one: augment(*one, config), (keys, batch))
+    return jax.lax.map(lambda one: augment(one[0], one[1], config), (keys, batch))
 
 
 def random_frame(

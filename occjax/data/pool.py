@@ -25,6 +25,7 @@ from tqdm import tqdm
 import occjax
 from occjax.data.augmentation import AugmentationConfig, augment_batch
 from occjax.data.generator import generate
+from occjax.data.host import numpy_sample, stack_samples, to_device
 from occjax.data.samples import Sample
 from occjax.data.scene_config import SceneConfig
 from occjax.data.sources import Source, check_batch_size, step_keys
@@ -42,7 +43,7 @@ def render_pool(
     config: SceneConfig,
     seed: int,
     *,
-    photographs: Float[Array, "p 256 256"] | None = None,
+    photographs: Float[Array | np.ndarray, "p 256 256"] | None = None,
     progress: bool = True,
 ) -> None:
     """Render the light fields that a pool lacks, up to ``count``.
@@ -72,8 +73,9 @@ def render_pool(
     _claim(folder, _description(config, seed, photographs))
     missing = [number for number in range(count) if not _file(folder, number).exists()]
     root = jax.random.key(seed)
+    textures = None if photographs is None else jnp.asarray(photographs)
     for number in tqdm(missing, desc=folder.name, unit="light field", disable=not progress):
-        sample = generate(jax.random.fold_in(root, number), config, photographs)
+        sample = generate(jax.random.fold_in(root, number), config, textures)
         write_sample(_file(folder, number), sample)
 
 
@@ -123,7 +125,7 @@ def pool_source(
             select_views(read_sample(_file(folder, int(order(epoch)[place]))), views)
             for epoch, place in turns
         ]
-        batch = Sample(*(jnp.asarray(np.stack(fields)) for fields in zip(*samples, strict=True)))
+        batch = to_device(stack_samples(samples))
         if augmentation is None:
             return batch
         return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
@@ -188,7 +190,7 @@ def read_sample(path: str | Path) -> Sample:
         # Opened here, since NumPy leaves a damaged file open.
         with reading(path), path.open("rb") as file, np.load(file) as stored:
             width = stored["views"].shape[-1]
-            return Sample(
+            return numpy_sample(
                 views=stored["views"].astype(np.float32) / np.float32(255.0),
                 offsets=stored["offsets"],
                 disparity=stored["disparity"],
@@ -203,7 +205,7 @@ def _file(folder: Path, number: int) -> Path:
     return folder / f"{number:06d}.npz"
 
 
-def _description(config: SceneConfig, seed: int, photographs: Array | None) -> dict:
+def _description(config: SceneConfig, seed: int, photographs: np.ndarray | Array | None) -> dict:
     """What decides what the light fields of a pool look like."""
     textures = None
     if photographs is not None:

@@ -13,12 +13,14 @@ from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Key
 
 from occjax.data.augmentation import AugmentationConfig, augment_batch
 from occjax.data.generator import generate
 from occjax.data.samples import Sample
 from occjax.data.scene_config import SceneConfig
+from occjax.data.views import Selection, select_views
 from occjax.errors import InputError
 
 Source = Callable[[int], Sample]
@@ -30,7 +32,7 @@ def procedural_source(
     batch_size: int,
     seed: int,
     *,
-    photographs: Float[Array, "p 256 256"] | None = None,
+    photographs: Float[Array | np.ndarray, "p 256 256"] | None = None,
     augmentation: AugmentationConfig | None = None,
 ) -> Source:
     """New light fields in every step, rendered on the device: for GPUs.
@@ -49,6 +51,7 @@ def procedural_source(
         The source.
     """
     check_batch_size(batch_size)
+    textures = None if photographs is None else jnp.asarray(photographs)
 
     @jax.jit
     def rendered(step, photographs):
@@ -57,7 +60,7 @@ def procedural_source(
         return jax.vmap(lambda key: generate(key, config, photographs))(keys)
 
     def source(step: int) -> Sample:
-        batch = rendered(jnp.uint32(step), photographs)
+        batch = rendered(jnp.uint32(step), textures)
         if augmentation is None:
             return batch
         return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
@@ -95,7 +98,7 @@ def mixture(parts: Mapping[Source, float]) -> Source:
         [0.0, 0.0, 0.0, 1.0]
     """
     weights = list(parts.values())
-    if not weights or min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
+    if not _are_weights(weights):
         raise InputError("a mixture needs sources with weights of zero or more, not all zero")
     # One batch serves several steps; more than two are in use when threads work ahead.
     streams = [lru_cache(maxsize=4)(source) for source in parts]
@@ -115,6 +118,37 @@ def mixture(parts: Mapping[Source, float]) -> Source:
         return _joined(pieces)
 
     return mixed
+
+
+def random_views(source: Source, selections: Mapping[Selection, float], seed: int) -> Source:
+    """Batches with some of their views, of another arrangement from step to step.
+
+    For networks that shall take grids of any kind. The samples of a batch have one arrangement,
+    since arrays have one shape; each arrangement costs the training step one compilation.
+
+    Args:
+        source: Of samples with all views that the selections need.
+        selections: Relative frequency of each selection, see
+            :func:`occjax.data.views.select_views`.
+        seed: Of the choice.
+
+    Returns:
+        The source.
+
+    Raises:
+        InputError: If there are no selections or frequencies are negative; when called, if the
+            samples lack the views.
+    """
+    weights = list(selections.values())
+    if not _are_weights(weights):
+        raise InputError("selections need frequencies of zero or more, not all zero")
+    frequencies = np.array(weights) / sum(weights)
+
+    def selected(step: int) -> Sample:
+        drawn = np.random.default_rng((seed, step)).choice(len(frequencies), p=frequencies)
+        return select_views(source(step), list(selections)[drawn])
+
+    return selected
 
 
 def shares(weights: Sequence[float], total: int) -> list[int]:
@@ -170,6 +204,11 @@ def check_batch_size(batch_size: int) -> None:
     """
     if batch_size < 1:
         raise InputError(f"batch_size is {batch_size}; it must be at least 1")
+
+
+def _are_weights(weights: Sequence[float]) -> bool:
+    """Whether something can be drawn in proportion to them."""
+    return bool(weights) and min(weights) >= 0.0 and 0.0 < sum(weights) < math.inf
 
 
 def _samples(stream: Source, start: int, stop: int, batch_size: int) -> Iterator[Sample]:

@@ -4,12 +4,15 @@ Each function takes one sample (no batch axis) and changes views, offsets, dispa
 valid pixels together, so that the result is as consistent as the sample was: the views, warped by
 the new disparity, agree where the new visibility says so. A flip or turn of the pictures alone
 would not be: the views would move the wrong way.
+
+Flips and turns also take samples of NumPy arrays, which stay such.
 """
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from occjax.data.samples import Sample
@@ -70,8 +73,8 @@ def transpose(sample: Sample) -> Sample:
     square = v == u
 
     def over(values, *, pixels=True):
-        values = jnp.swapaxes(values, 0, 1) if square else values
-        return jnp.swapaxes(values, -1, -2) if pixels else values
+        values = values.swapaxes(0, 1) if square else values
+        return values.swapaxes(-1, -2) if pixels else values
 
     return Sample(
         views=over(sample.views),
@@ -99,18 +102,21 @@ def rotate(sample: Sample, quarter_turns: int) -> Sample:
 
 def _flip(sample: Sample, axis: int) -> Sample:
     """Reverse one axis of pixels and the same axis of views."""
+    backwards = slice(None, None, -1)
+    rows_or_columns = (backwards,) if axis == 0 else (slice(None), backwards)
+    pixels = (..., *rows_or_columns, *(slice(None),) * (1 - axis))
     odd = sample.views.shape[axis] % 2 == 1
 
     def over(values):
-        return jnp.flip(values, axis) if odd else values
+        return values[rows_or_columns] if odd else values
 
-    direction = jnp.ones(2, sample.offsets.dtype).at[axis].set(-1)
+    direction = np.where(np.arange(2) == axis, -1.0, 1.0).astype(sample.offsets.dtype)
     return Sample(
-        views=jnp.flip(over(sample.views), axis + 2),
+        views=over(sample.views)[pixels],
         offsets=over(sample.offsets) * direction[None, None, :],
-        disparity=jnp.flip(sample.disparity, axis),
-        visibility=jnp.flip(over(sample.visibility), axis + 2),
-        valid=jnp.flip(sample.valid, axis),
+        disparity=sample.disparity[rows_or_columns],
+        visibility=over(sample.visibility)[pixels],
+        valid=sample.valid[rows_or_columns],
     )
 
 

@@ -9,8 +9,9 @@ from occjax.data import sources
 from occjax.data.augmentation import AugmentationConfig
 from occjax.data.samples import Sample
 from occjax.data.scene_config import SceneConfig
-from occjax.data.sources import mixture, procedural_source, shares
+from occjax.data.sources import mixture, procedural_source, random_views, shares
 from occjax.errors import InputError
+from tests.data.scenes import grid
 
 
 def numbered(name, batch_size=4, size=(2, 2)):
@@ -135,3 +136,21 @@ def test_procedural_light_fields_are_augmented_alike_for_the_same_step():
 def test_an_empty_batch_is_refused():
     with pytest.raises(InputError, match="batch_size is 0"):
         procedural_source(SceneConfig(), 0, seed=0)
+
+
+def test_views_differ_from_step_to_step_as_often_as_asked():
+    images = np.zeros((2, 5, 5, 2, 2), np.float32)
+    offsets = np.stack([grid(5, 5)] * 2)
+    whole = Sample(images, offsets, images[:, 0, 0], images == 0, images[:, 0, 0] == 0)
+    options = {"selections": {(3, 3): 2.0, "cross": 1.0, "all": 1.0, "star": 0.0}, "seed": 0}
+    source = random_views(lambda step: whole, **options)
+    grids = [source(step).views.shape[1:3] for step in range(400)]
+    for arrangement, expected in {(3, 3): 200, (1, 9): 100, (5, 5): 100}.items():
+        assert abs(grids.count(arrangement) - expected) < 4 * np.sqrt(expected)
+    again = random_views(lambda step: whole, **options)
+    assert [again(step).views.shape[1:3] for step in (7, 3)] == [grids[7], grids[3]]
+
+
+def test_no_selection_of_views_is_refused():
+    with pytest.raises(InputError, match="selections"):
+        random_views(numbered(1), {}, seed=0)
