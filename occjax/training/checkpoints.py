@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -34,12 +35,7 @@ class Checkpoints:
 
     def __init__(self, folder: Path, *, keep: int) -> None:
         self.folder = folder / CHECKPOINTS
-        best = preservation_policy.BestN(
-            get_metric_fn=lambda metrics: metrics[SCORE],
-            reverse=True,
-            n=1,
-            keep_checkpoints_without_metrics=False,
-        )
+        best = preservation_policy.BestN(get_metric_fn=_score, reverse=True, n=1)
         policy = preservation_policy.AnyPreservationPolicy(
             [preservation_policy.LatestN(keep), best]
         )
@@ -47,6 +43,8 @@ class Checkpoints:
             self.folder.absolute(),
             options=ocp.CheckpointManagerOptions(
                 preservation_policy=policy,
+                best_fn=_score,  # without which scores are not stored
+                best_mode="min",
                 # The next step gives the state's buffers away, so that a checkpoint cannot be
                 # written while it runs.
                 enable_async_checkpointing=False,
@@ -68,9 +66,9 @@ class Checkpoints:
     @property
     def best(self) -> tuple[int, float] | None:
         """Step and score of the best checkpoint, None if none has a score."""
-        scores = {step: self._manager.metrics(step) for step in self._manager.all_steps()}
-        scored = [(step, metrics[SCORE]) for step, metrics in scores.items() if metrics]
-        return min(scored, key=lambda entry: entry[1]) if scored else None
+        step = self._manager.best_step()
+        score = math.inf if step is None else _score(self._manager.metrics(step))
+        return None if math.isinf(score) else (step, score)
 
     def save(self, state: TrainState, *, score: float | None = None) -> None:
         """Write a checkpoint, unless there is one of this step, and remove those not kept.
@@ -81,7 +79,8 @@ class Checkpoints:
         """
         step = int(state.step)
         if step != self.latest_step:
-            metrics = None if score is None else {SCORE: score}
+            # The manager warns of checkpoints without a score.
+            metrics = {SCORE: math.inf if score is None else score}
             self._manager.save(step, args=ocp.args.StandardSave(state), metrics=metrics)
 
     def restore(self, like: TrainState, step: int | None = None) -> TrainState:
@@ -112,13 +111,13 @@ def claim_folder(folder: Path, description: Mapping[str, Any]) -> None:
 
     Args:
         folder: Of the training; may be missing or empty.
-        description: What the weights depend on, as JSON can hold it.
+        description: What the weights depend on, as JSON can hold it; paths as text.
 
     Raises:
         InputError: If the folder holds another training, or something else, or cannot be written.
     """
     file = folder / CONFIG_FILE
-    description = json.loads(json.dumps(description))
+    description = json.loads(json.dumps(description, default=str))
     if file.is_file():
         difference = first_difference(_fixed(description), _fixed(read_description(folder)))
         if difference is not None:
@@ -154,6 +153,10 @@ def read_description(folder: Path) -> dict[str, Any]:
             f"{file}: is no description of a training; choose another folder"
         ) from error
     return description
+
+
+def _score(metrics: Mapping[str, float]) -> float:
+    return metrics[SCORE]
 
 
 def _fixed(description: Mapping[str, Any]) -> dict[str, Any]:

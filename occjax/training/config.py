@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 from occjax.errors import InputError
 from occjax.models.config import NetworkConfig
 
-Penalty = Literal["l1", "huber"]
+Penalty = Literal["l1", "huber", "sharp"]
 RateSchedule = Literal["constant", "cosine", "halving"]
 Precision = Literal["float32", "bfloat16"]
 
@@ -23,12 +23,12 @@ def _one_of(name: str, value: str, choices: Any) -> None:
         raise InputError(f"{name} is {' or '.join(get_args(choices))}, not {value!r}")
 
 
-def _positive(name: str, value: float) -> None:
+def _positive(name: str, value: int | float) -> None:
     if not value > 0:
         raise InputError(f"{name} is {value}; pass more than 0")
 
 
-def _not_negative(name: str, value: float) -> None:
+def _not_negative(name: str, value: int | float) -> None:
     if not value >= 0:
         raise InputError(f"{name} is {value}; pass 0 or more")
 
@@ -38,9 +38,9 @@ class LossConfig:
     """What the network is told off for.
 
     Attributes:
-        penalty: Of a disparity's error: ``"l1"`` as in the paper, or ``"huber"``, which is
-            quadratic where the error is small and has the slope of L1 beyond.
-        huber_width: Error at which ``"huber"`` turns from one to the other, pixels per view step.
+        penalty: Of a disparity's error: ``"l1"`` as in the paper, ``"huber"`` (gentler where it is
+            small) or ``"sharp"`` (stricter there); see :func:`occjax.training.losses.penalty`.
+        width: Error at which the latter two turn into L1, pixels per view step.
         stage_weights: Weight of each output of the cascade; none means 1 for each, as in the paper.
         distribution: Weight of the cross-entropy between each stage's probabilities and the ground
             truth.
@@ -50,7 +50,7 @@ class LossConfig:
     """
 
     penalty: Penalty = "l1"
-    huber_width: float = 0.1
+    width: float = 0.02
     stage_weights: tuple[float, ...] = ()
     distribution: float = 0.0
     occlusion: float = 0.0
@@ -59,7 +59,7 @@ class LossConfig:
     def __post_init__(self) -> None:
         """Refuse what has no meaning."""
         _one_of("loss.penalty", self.penalty, Penalty)
-        _positive("loss.huber_width", self.huber_width)
+        _positive("loss.width", self.width)
         for name in ("distribution", "occlusion", "border"):
             _not_negative(f"loss.{name}", getattr(self, name))
         for weight in self.stage_weights:

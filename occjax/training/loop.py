@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 from occjax.data.samples import Sample
+from occjax.data.sources import Source
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
 from occjax.models import load_weights, save_weights
@@ -25,9 +26,9 @@ from occjax.training.checkpoints import Checkpoints, claim_folder
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.logging import Log
 from occjax.training.optimiser import learning_rate
-from occjax.training.prefetch import Source, prefetch
+from occjax.training.prefetch import prefetch
 from occjax.training.step import TrainState, init_state, shardings, state_of, train_step
-from occjax.training.validation import SCORE, Scene, validate
+from occjax.training.validation import SCORE, Scene, check_scenes, validate
 
 WEIGHTS_FILE = "weights.safetensors"
 BEST_FILE = "best.safetensors"
@@ -97,6 +98,7 @@ def train(
     """
     folder, run = Path(folder), run or RunConfig()
     check_writable(folder)
+    check_scenes(validation, border=run.validation_border)
     first = source(0)
     batch_sharding, state_sharding = shardings(first.views.shape[0])
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
@@ -114,28 +116,28 @@ def train(
         with (
             Log(folder, first_step=start) as log,
             _interruption() as interrupted,
+            closing(
+                prefetch(source, start, config.steps, ahead=run.prefetch, sharding=batch_sharding)
+            ) as batches,
             tqdm(total=config.steps, initial=start, unit="step", disable=None) as bar,
         ):
             keeper = _Keeper(config, run, folder, validation, checkpoints, log, say)
             meter = _Meter(config, log, bar)
-            batches = prefetch(
-                source, start, config.steps, ahead=run.prefetch, sharding=batch_sharding
-            )
             deadline = math.inf if run.minutes is None else time.monotonic() + 60.0 * run.minutes
             for step, batch in meter.waiting(batches):
                 state, metrics = train_step(state, batch, config=config)
                 done = step + 1
                 meter.add(metrics)
                 stopping = interrupted.is_set() or time.monotonic() >= deadline
-                keeping = done == config.steps or stopping or keeper.is_due(done)
+                last = done == config.steps
+                keeping = last or stopping or keeper.is_due(done)
                 if keeping or done % run.log_every == 0:
                     meter.report(done)
                 if keeping:
-                    keeper.keep(state, done, validating=not stopping)
+                    keeper.keep(state, done, validating=last or not stopping)
                     meter.restart()
                 if stopping:
                     break
-            batches.close()
             if interrupted.is_set():
                 say(f"{folder}: interrupted after step {int(state.step)}; start again to go on")
                 raise KeyboardInterrupt

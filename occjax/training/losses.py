@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from occjax.data.samples import Sample
 from occjax.errors import InputError
-from occjax.models.cascade import StageOutput
+from occjax.models.stages import StageOutput
 from occjax.ops import occlusion_weights
 from occjax.training.config import LossConfig, Penalty
 
@@ -98,7 +98,7 @@ def stage_totals(
     counted = inside_border(sample.valid, config.border)
     # An unknown disparity may be NaN, which no factor of zero removes from a gradient.
     truth = jnp.where(sample.valid, sample.disparity, 0.0)
-    error = penalty(output.disparity - truth, kind=config.penalty, width=config.huber_width)
+    error = penalty(output.disparity - truth, kind=config.penalty, width=config.width)
     totals = {"disparity": total(error, counted)}
     if config.distribution > 0.0 and output.probabilities is not None:
         relative = truth
@@ -113,15 +113,20 @@ def stage_totals(
 
 
 def penalty(
-    error: Float[Array, "*shape"], *, kind: Penalty = "l1", width: float = 0.1
+    error: Float[Array, "*shape"], *, kind: Penalty = "l1", width: float = 0.02
 ) -> Float[Array, "*shape"]:
-    """Penalty of an error in disparity.
+    """Penalty of an error in disparity; all three have slope 1 far from zero.
+
+    * ``"l1"``: ``|e|``;
+    * ``"huber"``: ``e^2 / (2 width)`` up to the width, ``|e| - width / 2`` beyond, also known as
+      smooth L1: errors below the width hardly count;
+    * ``"sharp"``: ``|e| + 5 width log(1 + |e| / width)``, six times as steep at zero: errors below
+      the width count most, as they do in BadPix.
 
     Args:
         error: Estimate minus truth, pixels per view step.
-        kind: ``"l1"``: ``|e|``. ``"huber"``: ``e^2 / (2 width)`` up to the width, ``|e| - width/2``
-            beyond, also known as smooth L1.
-        width: Where the latter turns from one to the other, pixels per view step.
+        kind: Which.
+        width: Of the part about zero, pixels per view step.
 
     Returns:
         Same shape.
@@ -130,7 +135,12 @@ def penalty(
         >>> penalty(jnp.array([-0.5, 2.0]), kind="huber", width=1.0).tolist()
         [0.125, 1.5]
     """
-    return jnp.abs(error) if kind == "l1" else optax.huber_loss(error, delta=width) / width
+    size = jnp.abs(error)
+    if kind == "huber":
+        return optax.huber_loss(error, delta=width) / width
+    if kind == "sharp":
+        return size + 5.0 * width * jnp.log1p(size / width)
+    return size
 
 
 def distribution_error(
@@ -226,4 +236,4 @@ def inside_border(valid: Bool[Array, "h w"], border: int) -> Bool[Array, "h w"]:
 
 def total(values: Float[Array, "h w"], counted: Bool[Array, "h w"]) -> Total:
     """Sum of the values of the pixels that count, and how many they are."""
-    return Total(jnp.where(counted, values, 0.0).sum(), counted.sum(dtype=jnp.float32))
+    return Total(jnp.where(counted, values, 0.0).sum(), counted.sum(dtype=values.dtype))

@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Protocol
 
 import jax
 
 from occjax.data.samples import Sample
-
-
-class Source(Protocol):
-    """Where training data comes from: a function of the step, so that resuming is exact."""
-
-    def __call__(self, step: int) -> Sample:
-        """The batch of a step, with a leading axis on every field; always the same one."""
+from occjax.data.sources import Source
 
 
 def prefetch(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from functools import partial
 from typing import Any, NamedTuple
@@ -56,11 +55,15 @@ def init_state(config: TrainConfig, batch: Sample) -> TrainState:
     Returns:
         The state; the same for the same seed.
     """
-    network = OccCasNet(config.network, dtype=config.precision)
     one = jax.tree.map(lambda field: jnp.asarray(field[0]), batch)
-    init = jax.jit(partial(network.init, train=False))
-    variables = init(jax.random.key(config.seed), one.views, **_extra_inputs(config.network, one))
+    inputs = network_inputs(config.network, one)
+    variables = _first_variables(jax.random.key(config.seed), one.views, inputs, config.network)
     return state_of(variables, config)
+
+
+@partial(jax.jit, static_argnames="network")
+def _first_variables(key: Array, views: Array, inputs: dict, network: NetworkConfig) -> dict:
+    return OccCasNet(network).init(key, views, **inputs)
 
 
 def state_of(variables: dict, config: TrainConfig) -> TrainState:
@@ -150,7 +153,7 @@ def apply_to_batch(
             sample.views,
             train=True,
             mutable=["batch_stats"],
-            **_extra_inputs(config.network, sample),
+            **network_inputs(config.network, sample),
         )
         return outputs, changed.get("batch_stats", {})
 
@@ -187,11 +190,19 @@ def shardings(batch_size: int) -> tuple[NamedSharding, NamedSharding]:
 
 def takes_offsets(network: NetworkConfig) -> bool:
     """Whether a network is told where its views are, being made for any arrangement of them."""
-    return "offsets" in inspect.signature(OccCasNet.__call__).parameters
+    return network.views is None
 
 
-def _extra_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Array]:
-    """What a network is given beside the views."""
+def network_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Array]:
+    """What a network is given beside the views.
+
+    Args:
+        network: Its configuration.
+        sample: One light field.
+
+    Returns:
+        Keyword arguments of the network and of :func:`occjax.inference.network.infer`.
+    """
     inputs = {}
     if takes_offsets(network):
         inputs["offsets"] = sample.offsets

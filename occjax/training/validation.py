@@ -13,15 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from occjax.data.samples import Sample
+from occjax.data.views import Selection, select_views
 from occjax.errors import InputError
 from occjax.evaluation import THRESHOLDS, Metrics, evaluate
 from occjax.inference.network import infer
 from occjax.io import load
 from occjax.io.atomic import atomic_path
-from occjax.models import OccCasNet
 from occjax.ops import view_offsets
 from occjax.training.config import TrainConfig
-from occjax.training.step import takes_offsets
+from occjax.training.step import network_inputs, takes_offsets
 from occjax.viz.colour import disparity_colours, error_colours, limits
 
 SCORE = f"badpix_{THRESHOLDS[0]:g}"
@@ -81,23 +81,20 @@ def validate(
 @partial(jax.jit, static_argnames="config")
 def predict(variables: dict, sample: Sample, config: TrainConfig) -> jax.Array:
     """Disparity ``[h, w]`` of one light field of any size, as inference computes it."""
-    network = config.network
-    if takes_offsets(network):
-        apply = OccCasNet(network, dtype=config.precision).apply
-        return apply(variables, sample.views, offsets=sample.offsets)[-1].disparity
-    truth = None
-    if any(stage.occlusion == "ground_truth" for stage in network.stages):
-        truth = jnp.where(sample.valid, sample.disparity, 0.0)
-    dtype = jnp.dtype(config.precision)
-    return infer(variables, sample.views, network, ground_truth=truth, dtype=dtype)[-1].disparity
+    network, dtype = config.network, jnp.dtype(config.precision)
+    inputs = network_inputs(network, sample)
+    return infer(variables, sample.views, network, dtype=dtype, **inputs)[-1].disparity
 
 
-def scenes_from_folders(folders: Sequence[str | Path], config: TrainConfig) -> list[Scene]:
+def scenes_from_folders(
+    folders: Sequence[str | Path], config: TrainConfig, *, views: Selection = "all"
+) -> list[Scene]:
     """Light fields with ground truth, as the network takes them.
 
     Args:
         folders: Anything :func:`occjax.load` reads.
         config: The training.
+        views: Which views are used, if the network takes any arrangement of them.
 
     Returns:
         The scenes, named after their folders.
@@ -116,16 +113,17 @@ def scenes_from_folders(folders: Sequence[str | Path], config: TrainConfig) -> l
             )
         if not takes_offsets(config.network):
             light_field = light_field.central(*config.network.views)
-        offsets = light_field.positions
-        views = light_field.grey()
+        offsets, grey = light_field.positions, light_field.grey()
         sample = Sample(
-            views=jnp.asarray(views),
-            offsets=view_offsets(*light_field.grid) if offsets is None else jnp.asarray(offsets),
-            disparity=jnp.asarray(truth, jnp.float32),
-            visibility=jnp.ones(views.shape, bool),
-            valid=jnp.asarray(np.isfinite(truth)),
+            views=grey,
+            offsets=np.asarray(view_offsets(*light_field.grid) if offsets is None else offsets),
+            disparity=np.asarray(truth, np.float32),
+            visibility=np.ones(grey.shape, bool),
+            valid=np.isfinite(truth),
         )
-        scenes.append(Scene(light_field.name, sample))
+        if takes_offsets(config.network):
+            sample = select_views(sample, views)
+        scenes.append(Scene(light_field.name, jax.tree.map(jnp.asarray, sample)))
     return _with_unique_names(scenes)
 
 
@@ -144,6 +142,26 @@ def scenes_from_batch(batch: Sample, name: str = "sample") -> list[Scene]:
         Scene(f"{name}_{index}", jax.tree.map(lambda field, index=index: field[index], batch))
         for index in range(count)
     ]
+
+
+def check_scenes(scenes: Sequence[Scene], *, border: int) -> None:
+    """Find out before training whether there is anything to compare within the border.
+
+    Args:
+        scenes: The scenes.
+        border: Pixels left out at each side.
+
+    Raises:
+        InputError: Naming the first scene in which there is not.
+    """
+    for scene in scenes:
+        valid = np.asarray(scene.sample.valid)
+        h, w = valid.shape
+        if not valid[border : h - border, border : w - border].any():
+            raise InputError(
+                f"{scene.name}: no pixel with ground truth lies {border} pixels inside its "
+                f"{h}x{w}; pass a smaller validation_border or leave it out"
+            )
 
 
 def picture(disparity: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -1,0 +1,138 @@
+"""Which data a training sees, as a frozen dataclass, and the source that gives it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import jax
+
+from occjax.data.augmentation import AugmentationConfig
+from occjax.data.folders import folder_source, published_source
+from occjax.data.photographs import load_photographs
+from occjax.data.pool import pool_source
+from occjax.data.scene_config import SceneConfig
+from occjax.data.scenes import load_scenes
+from occjax.data.sources import Source, mixture, procedural_source
+from occjax.errors import InputError
+from occjax.models import NetworkConfig
+from occjax.training.step import takes_offsets
+from occjax.training.validation import Scene, scenes_from_batch
+
+VALIDATION_SEED = 2**31
+"""Added to the seed of procedural scenes that only validation sees."""
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """Sources of training data and their shares of every batch.
+
+    Attributes:
+        batch_size: Light fields in a step.
+        procedural_share: Of procedural light fields that are rendered anew in every step, which
+            wants a GPU.
+        scenes: The distribution that procedural light fields are drawn from.
+        photographs: Whether some of their textures are photographs (needs scikit-image).
+        pool: Folder of procedural light fields that were rendered before.
+        pool_share: Of light fields of the pool.
+        folders: Scenes with ground truth, or folders of such scenes.
+        folder_share: Of patches of these scenes.
+        published: Whether patches of scenes are drawn and varied as published, 32x32 pixels;
+            otherwise as ``augmentation`` says.
+        augmentation: How light fields are varied; None for not at all.
+        seed: Of everything that is drawn.
+    """
+
+    batch_size: int = 16
+    procedural_share: float = 1.0
+    scenes: SceneConfig = field(default_factory=SceneConfig)
+    photographs: bool = False
+    pool: Path | None = None
+    pool_share: float = 1.0
+    folders: tuple[Path, ...] = ()
+    folder_share: float = 1.0
+    published: bool = False
+    augmentation: AugmentationConfig | None = field(default_factory=AugmentationConfig)
+    seed: int = 0
+
+
+def make_source(config: DataConfig, network: NetworkConfig) -> Source:
+    """The source that a configuration describes.
+
+    Args:
+        config: Sources and shares.
+        network: Which takes all views of its grid, or any arrangement.
+
+    Returns:
+        Function from the step to its batch.
+
+    Raises:
+        InputError: If the scenes have other views than the network takes, there is no data at all,
+            or a folder cannot be used.
+    """
+    _check_views(config.scenes, network)
+    views = config.scenes.views if takes_offsets(network) else network.views
+    common = {"batch_size": config.batch_size, "seed": config.seed}
+    parts: dict[Source, float] = {}
+    if config.procedural_share > 0.0:
+        parts[_procedural(config, **common)] = config.procedural_share
+    if config.pool is not None and config.pool_share > 0.0:
+        varied = {"augmentation": config.augmentation, "views": views}
+        parts[pool_source(config.pool, **common, **varied)] = config.pool_share
+    if config.folders and config.folder_share > 0.0:
+        scenes = load_scenes(config.folders, views=views)
+        source = (
+            published_source(scenes, **common)
+            if config.published
+            else folder_source(scenes, **common, augmentation=config.augmentation)
+        )
+        parts[source] = config.folder_share
+    if not parts:
+        raise InputError(
+            "there is no training data; give data.procedural_share, data.pool or data.folders"
+        )
+    return mixture(parts) if len(parts) > 1 else next(iter(parts))
+
+
+def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
+    """Procedural light fields that training never sees, always the same ones.
+
+    Args:
+        config: Of the training's data.
+        count: How many.
+
+    Returns:
+        The scenes.
+    """
+    if not count:
+        return []
+    unvaried = dataclasses.replace(config, augmentation=None)
+    source = _procedural(unvaried, batch_size=count, seed=config.seed + VALIDATION_SEED)
+    return scenes_from_batch(source(0), "procedural")
+
+
+def fixed(source: Source) -> Source:
+    """The first batch of a source in every step: what a network must be able to learn by heart."""
+    batch = jax.block_until_ready(source(0))
+    return lambda step: batch
+
+
+def _procedural(config: DataConfig, *, batch_size: int, seed: int) -> Source:
+    return procedural_source(
+        config.scenes,
+        batch_size,
+        seed,
+        photographs=load_photographs() if config.photographs else None,
+        augmentation=config.augmentation,
+    )
+
+
+def _check_views(scenes: SceneConfig, network: NetworkConfig) -> None:
+    if takes_offsets(network) or (scenes.views == "all" and scenes.grid == network.views):
+        return
+    v, u = network.views
+    raise InputError(
+        f"the network takes all views of a {v}x{u} grid; pass --data.scenes.views all "
+        f"--data.scenes.grid {v} {u}"
+    )

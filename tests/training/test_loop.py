@@ -1,0 +1,251 @@
+"""The loop: resuming, interrupts, what it writes, and what it refuses."""
+
+import dataclasses
+import json
+import os
+import signal
+
+import jax
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.models import load_weights, save_weights
+from occjax.training import RunConfig, init_state, read_log, scenes_from_batch, train
+from occjax.training import loop as training_loop
+from occjax.training.checkpoints import Checkpoints
+from tests.reference.variables import random_variables
+from tests.training.conftest import planes
+
+RUN = RunConfig(log_every=2, validate_every=2, validation_border=2, prefetch=1)
+
+
+def one_plane(step):
+    """A batch of one, which no devices share: one compilation less."""
+    return planes(step, count=1)
+
+
+def quiet(line):
+    """Says nothing."""
+
+
+@pytest.fixture(scope="module")
+def begin(six_steps, tmp_path_factory):
+    """Train from given weights: compiling the random first ones takes as long as a test."""
+    weights = tmp_path_factory.mktemp("given") / "given.safetensors"
+    save_weights(weights, random_variables(six_steps.network), six_steps.network)
+
+    def begin(config, source, folder, **options):
+        options = {"run": RUN, "say": quiet, "initial_weights": weights, **options}
+        return train(config, source, folder, **options)
+
+    return begin
+
+
+def assert_same(one, other):
+    for ours, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(six_steps, begin, tmp_path_factory):
+    """Six steps at a stretch, and their folder."""
+    folder = tmp_path_factory.mktemp("training") / "run"
+    return begin(six_steps, one_plane, folder), folder
+
+
+@pytest.fixture(scope="module")
+def validated(six_steps, begin, tmp_path_factory):
+    """Six steps with three validations, the second of which is the best."""
+    folder = tmp_path_factory.mktemp("validated") / "run"
+    scores = iter([30.0, 10.0, 20.0])
+    lines = []
+
+    def scored(*arguments, **options):
+        return {**real(*arguments, **options), "badpix_0.07": next(scores)}
+
+    real, training_loop.validate = training_loop.validate, scored
+    try:
+        scenes = scenes_from_batch(planes(1000))
+        run = dataclasses.replace(RUN, keep=1)
+        begin(six_steps, one_plane, folder, run=run, validation=scenes, say=lines.append)
+    finally:
+        training_loop.validate = real
+    return folder, lines
+
+
+def test_an_interrupted_training_ends_as_an_uninterrupted_one(
+    uninterrupted, six_steps, begin, tmp_path
+):
+    """Ctrl-C in the third step: the step is finished and saved, and the next start goes on."""
+
+    def interrupting(step):
+        if step == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        return one_plane(step)
+
+    with pytest.raises(KeyboardInterrupt):
+        begin(six_steps, interrupting, tmp_path)
+    with Checkpoints(tmp_path, keep=2) as checkpoints:
+        assert 1 <= checkpoints.latest_step < 6
+    lines = []
+    resumed = begin(six_steps, one_plane, tmp_path, say=lines.append)
+    assert "going on after step" in lines[0]
+    assert resumed.finished
+    assert_same(resumed.state, uninterrupted[0].state)
+    assert [entry["step"] for entry in read_log(tmp_path)][-1] == 6
+
+
+def test_a_training_killed_between_checkpoints_repeats_what_was_lost(
+    uninterrupted, six_steps, begin, tmp_path
+):
+    class Killed(Exception):
+        pass
+
+    def dying(step):
+        if step == 5:
+            raise Killed
+        return one_plane(step)
+
+    run = dataclasses.replace(RUN, checkpoint_steps=3, log_every=1, prefetch=1)
+    with pytest.raises(Killed):
+        begin(six_steps, dying, tmp_path, run=run)
+    assert [entry["step"] for entry in read_log(tmp_path)] == [1, 2, 3, 4, 5]
+    with Checkpoints(tmp_path, keep=2) as checkpoints:
+        assert checkpoints.latest_step == 3
+    resumed = begin(six_steps, one_plane, tmp_path, run=run)
+    assert_same(resumed.state, uninterrupted[0].state)
+    assert [entry["step"] for entry in read_log(tmp_path)] == [1, 2, 3, 4, 5, 6]
+
+
+def test_time_up_stops_with_a_checkpoint_and_the_next_start_goes_on(six_steps, begin, tmp_path):
+    run = dataclasses.replace(RUN, minutes=1e-9)
+    first = begin(six_steps, one_plane, tmp_path, run=run)
+    assert (first.finished, int(first.state.step)) == (False, 1)
+    second = begin(six_steps, one_plane, tmp_path, run=run)
+    assert int(second.state.step) == 2
+
+
+def test_a_finished_training_is_left_as_it_is(uninterrupted, six_steps, begin):
+    first, folder = uninterrupted
+    log = (folder / "log.jsonl").read_text()
+    again = begin(six_steps, one_plane, folder)
+    assert_same(again.state, first.state)
+    assert (folder / "log.jsonl").read_text() == log
+
+
+def test_the_weights_file_holds_the_running_mean(uninterrupted, six_steps):
+    trained, _ = uninterrupted
+    variables, config = load_weights(trained.weights)
+    assert config == six_steps.network
+    assert_same(variables, trained.state.ema)
+
+
+def test_every_line_of_the_log_is_json_with_numbers(uninterrupted):
+    _, folder = uninterrupted
+    lines = (folder / "log.jsonl").read_text().splitlines()
+    entries = [json.loads(line) for line in lines]
+    assert [entry["step"] for entry in entries] == [2, 4, 6]
+    for entry in entries:
+        assert entry["kind"] == "train"
+        for name in ("loss", "badpix", "disparity_0", "learning_rate", "seconds_per_step"):
+            assert entry[name] > 0.0
+        assert 0.0 <= entry["waiting_for_data"] <= 1.0
+    # Peak 3e-3 reached by a warm-up of two steps, then a cosine that ends at a hundredth.
+    np.testing.assert_allclose(entries[0]["learning_rate"], 3e-3, rtol=1e-5)
+    np.testing.assert_allclose(entries[2]["learning_rate"], 3e-5, rtol=1e-3)
+
+
+def test_tensorboard_is_written_where_it_is_installed(uninterrupted):
+    pytest.importorskip("tensorboardX")
+    _, folder = uninterrupted
+    assert list((folder / "tensorboard").glob("events.*"))
+
+
+def test_the_best_checkpoint_and_the_last_are_kept(validated):
+    folder, _ = validated
+    assert sorted(int(path.name) for path in (folder / "checkpoints").iterdir()) == [4, 6]
+    with Checkpoints(folder, keep=1) as checkpoints:
+        assert checkpoints.best == (4, 10.0)
+
+
+def test_the_best_weights_are_those_of_the_best_validation(validated, six_steps):
+    folder, _ = validated
+    with Checkpoints(folder, keep=1) as checkpoints:
+        like = jax.eval_shape(lambda: init_state(six_steps, one_plane(0)))
+        best = checkpoints.restore(jax.tree.map(replicated, like), 4)
+    assert_same(load_weights(folder / "best.safetensors")[0], best.ema)
+
+
+def replicated(leaf):
+    sharding = jax.sharding.SingleDeviceSharding(jax.devices()[0])
+    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
+
+
+def test_validations_are_logged_said_and_pictured(validated):
+    folder, lines = validated
+    entries = [entry for entry in read_log(folder) if entry["kind"] == "validation"]
+    assert [entry["step"] for entry in entries] == [2, 4, 6]
+    assert lines[1].startswith("step 4: ")
+    assert "badpix_0.07 10.000" in lines[1]
+    assert entries[0]["mse_x100"] == pytest.approx(
+        np.mean([entries[0]["sample_0/mse_x100"], entries[0]["sample_1/mse_x100"]])
+    )
+    names = sorted(path.name for path in (folder / "pictures").iterdir())
+    assert names == ["sample_0.png", "sample_1.png"]
+
+
+def test_a_folder_of_another_configuration_is_refused(uninterrupted, six_steps, begin):
+    _, folder = uninterrupted
+    other = dataclasses.replace(
+        six_steps, optimiser=dataclasses.replace(six_steps.optimiser, peak_rate=1.0)
+    )
+    with pytest.raises(InputError, match=r"optimiser.peak_rate is 0.003, not 1.0; choose another"):
+        begin(other, one_plane, folder)
+
+
+def test_a_folder_of_other_data_is_refused(uninterrupted, six_steps, begin):
+    _, folder = uninterrupted
+    with pytest.raises(InputError, match=r"data.seed is absent, not 1"):
+        begin(six_steps, one_plane, folder, data={"seed": 1})
+
+
+def test_a_folder_of_something_else_is_refused(six_steps, begin, tmp_path):
+    (tmp_path / "thesis.tex").write_text("precious")
+    with pytest.raises(InputError, match="neither empty nor a training"):
+        begin(six_steps, one_plane, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_file_in_place_of_the_folder_is_refused(six_steps, begin, tmp_path):
+    (tmp_path / "run").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        begin(six_steps, one_plane, tmp_path / "run")
+
+
+def test_a_loss_that_is_not_finite_stops_before_it_is_saved(six_steps, begin, tmp_path):
+    def broken(step):
+        batch = one_plane(step)
+        return batch._replace(views=batch.views * np.nan) if step >= 2 else batch
+
+    run = dataclasses.replace(RUN, checkpoint_steps=1)
+    with pytest.raises(InputError, match="no longer finite at step 3"):
+        begin(six_steps, broken, tmp_path, run=run)
+    with Checkpoints(tmp_path, keep=2) as checkpoints:
+        assert checkpoints.latest_step == 2
+    assert read_log(tmp_path)[-1]["loss"] is None
+
+
+def test_training_begins_with_the_given_weights(uninterrupted, six_steps, begin, tmp_path):
+    """Adam's first step moves no weight by more than the learning rate, here 1.5e-3."""
+    given = random_variables(six_steps.network, seed=5)
+    weights = tmp_path / "given.safetensors"
+    save_weights(weights, given, six_steps.network)
+    run = dataclasses.replace(RUN, minutes=1e-9)
+    begun = begin(six_steps, one_plane, tmp_path / "run", run=run, initial_weights=weights)
+    for ours, theirs in zip(
+        jax.tree.leaves(begun.state.params), jax.tree.leaves(given["params"]), strict=True
+    ):
+        assert 0.0 < np.abs(ours - theirs).max() < 1.51e-3
+    with pytest.raises(InputError, match=r"initial_weights is .*, not None"):
+        begin(six_steps, one_plane, tmp_path / "run", initial_weights=None)

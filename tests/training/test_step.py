@@ -1,0 +1,177 @@
+"""The step: gradients over the batch, the running mean, several devices, bfloat16."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.training import init_state, train_step
+from occjax.training.losses import cascade_loss
+from occjax.training.step import apply_to_batch, shardings, state_of
+from tests.reference.variables import random_variables
+
+
+def distance(one, other):
+    """Largest difference between the leaves of two trees."""
+    differences = jax.tree.map(lambda a, b: np.abs(np.asarray(a) - np.asarray(b)).max(), one, other)
+    return max(jax.tree.leaves(differences))
+
+
+def first_state(config):
+    return state_of(random_variables(config.network), config)
+
+
+@pytest.fixture(scope="module")
+def three_steps(six_steps, source):
+    """The states before and after each of three steps, on the host, and what the steps report."""
+    state = first_state(six_steps)
+    states, reports = [jax.device_get(state)], []
+    for step in range(3):
+        state, metrics = train_step(state, source(step), config=six_steps)
+        states.append(jax.device_get(state))
+        reports.append(jax.device_get(metrics))
+    return states, reports
+
+
+def test_steps_are_counted_and_change_every_parameter(three_steps):
+    states, _ = three_steps
+    assert [int(state.step) for state in states] == [0, 1, 2, 3]
+    for before, after in zip(
+        jax.tree.leaves(states[0].params), jax.tree.leaves(states[3].params), strict=True
+    ):
+        assert np.abs(before - after).max() > 0.0
+
+
+def test_the_running_mean_is_that_of_the_states(three_steps):
+    """Decays min(0.999, (1 + n) / (10 + n)) from the first weights on."""
+    states, _ = three_steps
+    for name in ("params", "batch_stats"):
+        mean = jax.tree.map(np.float64, getattr(states[0], name))
+        for number, decay in enumerate((1 / 10, 2 / 11, 3 / 12)):
+            latest = getattr(states[number + 1], name)
+            mean = jax.tree.map(lambda m, x, d=decay: d * m + (1.0 - d) * x, mean, latest)
+        assert distance(mean, states[3].ema[name]) < 1e-5
+        assert distance(mean, getattr(states[3], name)) > 1e-4
+
+
+@pytest.fixture(scope="module")
+def differentiated(three_steps, six_steps, source):
+    """The loss of the batch of the third step as a function of the parameters, and its gradient."""
+    states, _ = three_steps
+    batch = source(2)
+
+    @jax.jit
+    def function(params):
+        def loss(params):
+            outputs, statistics = apply_to_batch(params, states[2].batch_stats, batch, six_steps)
+            errors = [jnp.abs(stage.disparity - batch.disparity).mean() for stage in outputs]
+            return sum(errors), (outputs, statistics)
+
+        return jax.value_and_grad(loss, has_aux=True)(params)
+
+    return function
+
+
+def test_the_report_is_of_the_network_before_the_step(
+    three_steps, differentiated, six_steps, source
+):
+    states, reports = three_steps
+    (loss, (outputs, statistics)), gradient = differentiated(states[2].params)
+    error = np.abs(np.asarray(outputs[-1].disparity - source(2).disparity))
+    expected = {
+        "loss": loss,
+        "disparity_1": error.mean(),
+        "badpix": 100.0 * (error > 0.07).mean(),
+        "gradient_norm": norm(gradient),
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(reports[2][name], value, rtol=1e-3, err_msg=name)
+    assert distance(statistics, states[3].batch_stats) < 1e-5
+    _, errors = cascade_loss(outputs, source(2), six_steps.loss)
+    assert set(reports[2]) == {*errors, "loss", "badpix", "gradient_norm"}
+
+
+def test_the_gradient_is_that_of_the_mean_over_the_batch(three_steps, differentiated):
+    """Along the gradient itself the loss of the whole batch changes by its norm."""
+    params = three_steps[0][2].params
+    gradient = differentiated(params)[1]
+    length = 1e-3 / norm(gradient)
+    low, high = (
+        differentiated(jax.tree.map(lambda p, g, s=sign: p + s * length * g, params, gradient))[0]
+        for sign in (-1.0, 1.0)
+    )
+    np.testing.assert_allclose((high[0] - low[0]) / 2e-3, norm(gradient), rtol=0.05)
+
+
+def norm(tree):
+    """Euclidean norm of all leaves together."""
+    return np.sqrt(sum((np.asarray(leaf, np.float64) ** 2).sum() for leaf in jax.tree.leaves(tree)))
+
+
+@pytest.mark.skipif(jax.device_count() < 2, reason="there is one device")
+def test_two_devices_compute_what_one_does(three_steps, six_steps, source):
+    batch_sharding, state_sharding = shardings(2)
+    assert len(batch_sharding.device_set) == 2
+    state = jax.device_put(first_state(six_steps), state_sharding)
+    state, metrics = train_step(state, jax.device_put(source(0), batch_sharding), config=six_steps)
+    states, reports = three_steps
+    for name, value in reports[0].items():
+        np.testing.assert_allclose(metrics[name], value, rtol=1e-4, err_msg=name)
+    # Adam divides by the gradient's size: where that is nearly zero, rounding decides the sign.
+    assert distance(state.batch_stats, states[1].batch_stats) < 1e-6
+    first_moments = [one.opt_state[1][0].mu for one in (state, states[1])]
+    assert distance(*first_moments) < 1e-5
+
+
+def test_devices_share_a_batch_evenly():
+    assert len(shardings(3)[0].device_set) == 1
+    assert len(shardings(4)[0].device_set) == min(jax.device_count(), 2)
+
+
+def test_bfloat16_keeps_float32_parameters_and_nearly_the_same_loss(three_steps, six_steps, source):
+    half = dataclasses.replace(six_steps, precision="bfloat16")
+    with jax.numpy_dtype_promotion("standard"):  # Flax's BatchNorm subtracts float32 statistics
+        state, metrics = train_step(first_state(half), source(0), config=half)
+    for tree in (state.params, state.ema, state.opt_state):
+        assert {leaf.dtype for leaf in jax.tree.leaves(tree)} <= {
+            jnp.dtype("float32"),
+            jnp.dtype("int32"),
+        }
+    _, reports = three_steps
+    np.testing.assert_allclose(metrics["loss"], reports[0]["loss"], rtol=0.05)
+    assert metrics["loss"] != reports[0]["loss"]
+
+
+def test_ground_truth_reaches_networks_that_take_their_occlusion_from_it(six_steps, source):
+    """Where it is unknown it is NaN, which must not reach the network."""
+    coarse, refined = six_steps.network.stages
+    refined = dataclasses.replace(refined, occlusion="ground_truth")
+    network = dataclasses.replace(six_steps.network, stages=(coarse, refined))
+    config = dataclasses.replace(six_steps, network=network)
+    state = first_state(six_steps)  # the variables are the same
+    batch = source(0)
+
+    @jax.jit
+    def maps(disparity, valid):
+        examples = batch._replace(disparity=disparity, valid=valid)
+        outputs, _ = apply_to_batch(state.params, state.batch_stats, examples, config)
+        return outputs[-1].occlusion
+
+    true = maps(batch.disparity, batch.valid)
+    assert np.abs(true).mean() < 0.05  # the views agree where they are warped by the truth
+    unknown = batch.valid.at[:, 3:5].set(False)
+    partly = maps(jnp.where(unknown, batch.disparity, jnp.nan), unknown)
+    assert np.isfinite(partly).all()
+    np.testing.assert_array_equal(partly[..., 5:, :], true[..., 5:, :])
+    assert np.abs(partly[..., 3:5, :] - true[..., 3:5, :]).max() > 0.05
+
+
+def test_first_weights_are_a_function_of_the_seed(six_steps, source):
+    one, same, other = (
+        init_state(dataclasses.replace(six_steps, seed=seed), source(0)).params
+        for seed in (0, 0, 1)
+    )
+    assert distance(one, same) == 0.0
+    assert distance(one, other) > 0.1
