@@ -6,18 +6,24 @@ import dataclasses
 import functools
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import jax
+import jax.export
 import jax.numpy as jnp
 import numpy as np
 
 from occjax.errors import InputError
 from occjax.inference.network import infer
 from occjax.inference.photometric import PhotometricConfig, photometric
-from occjax.inference.preparation import check_range, for_any_views, for_grid, for_photometric
+from occjax.inference.preparation import (
+    Ready,
+    check_range,
+    for_any_views,
+    for_grid,
+    for_photometric,
+)
 from occjax.inference.result import Estimate
 from occjax.lightfield import LightField
 from occjax.models import PRESETS, NetworkConfig, preset
@@ -96,6 +102,7 @@ class Estimator:
             raise InputError(f"precision is {' or '.join(get_args(Precision))}, not {precision!r}")
         self.notes: tuple[str, ...] = ()
         self.weights: str | None = None
+        self._variables: dict = {}
         self.config: PhotometricConfig | NetworkConfig
         if weights is None and model in (None, PHOTOMETRIC):
             if warp is not None or precision != "float32":
@@ -104,7 +111,7 @@ class Estimator:
                     "leave out warp (--warp) and precision (--precision)"
                 )
             self.model, self.config = PHOTOMETRIC, PhotometricConfig()
-            self._run = partial(_compiled, _run_photometric, config=self.config)
+            self._run, self._settings = _run_photometric, {"config": self.config}
         elif model == PHOTOMETRIC:
             raise InputError(f"the photometric estimator takes no weights; leave out {weights}")
         elif weights is None:
@@ -122,7 +129,8 @@ class Estimator:
                     "warp: transposed, as the published code trained it (rows move with u); "
                     "choose --warp correct to override",
                 )
-            self._run = partial(_compiled, _run_network, config=self.config, dtype=precision)
+            self._run = _run_network
+            self._settings = {"config": self.config, "dtype": precision}
 
     def __call__(
         self,
@@ -144,24 +152,14 @@ class Estimator:
         Raises:
             InputError: If the light field does not fit the model, or the range is none.
         """
-        if disparity_range is not None:
-            check_range(disparity_range)
-        if isinstance(self.config, PhotometricConfig):
-            ready = for_photometric(light_field, disparity_range)
-        elif self.config.views is None:
-            ready = for_any_views(light_field, disparity_range, self.config)
-        else:
-            ready = for_grid(light_field, disparity_range, self.config)
-        arguments = ready.arguments
-        if isinstance(self.config, NetworkConfig):
-            arguments = (self._variables, *arguments)
-
+        ready = self._ready(light_field, disparity_range)
+        arguments = (self._variables, *ready.arguments)
         seconds = {}
         say("compiling")
         begin = time.perf_counter()
         leaves, structure = jax.tree.flatten(arguments)
         shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        compiled = self._run(structure, shapes)
+        compiled = _compiled(self._run, structure, shapes, **self._settings)
         seconds["compile"] = time.perf_counter() - begin
         say("estimating")
         begin = time.perf_counter()
@@ -176,6 +174,59 @@ class Estimator:
             seconds=seconds,
         )
 
+    def export(
+        self,
+        light_field: LightField,
+        *,
+        disparity_range: tuple[float, float] | None = None,
+        platforms: tuple[str, ...] | None = None,
+    ) -> jax.export.Exported:
+        """The compiled estimator as portable StableHLO, weights and candidates inside.
+
+        It runs without occjax and without Python's part of the network, wherever StableHLO runs:
+        write ``exported.serialize()`` to a file, and call
+        ``jax.export.deserialize(data).call(views)`` (extra ``export``) with the views as :attr:`Ready.arguments` has
+        them first: grey ``[v, u, h, w]`` for a network, ``[v, u, h, w, c]`` for the photometric
+        estimator, in [0, 1], float32.
+
+        Args:
+            light_field: One of the shape and the arrangement of views to export for.
+            disparity_range: ``(minimum, maximum)`` to search; as for a call by default.
+            platforms: Where it shall run, for instance ``("cpu", "cuda")``; here by default.
+
+        Returns:
+            What gives a dictionary of ``disparity``, ``confidence`` and the other maps of
+            :class:`Estimate`.
+
+        Raises:
+            InputError: As a call does.
+
+        Example:
+            >>> from occjax.data.sample import sample
+            >>> light_field = sample().central(3, 3)
+            >>> exported = Estimator().export(light_field, disparity_range=(-1.0, 1.0))
+            >>> [shape.shape for shape in exported.in_avals]
+            [(3, 3, 256, 256, 3)]
+        """
+        views, *others = jax.tree.map(
+            jnp.asarray, self._ready(light_field, disparity_range).arguments
+        )
+
+        def run(views):
+            return self._run(self._variables, views, *others, **self._settings)
+
+        shape = jax.ShapeDtypeStruct(views.shape, views.dtype)
+        return jax.export.export(jax.jit(run), platforms=platforms)(shape)
+
+    def _ready(self, light_field: LightField, disparity_range: tuple[float, float] | None) -> Ready:
+        if disparity_range is not None:
+            check_range(disparity_range)
+        if isinstance(self.config, PhotometricConfig):
+            return for_photometric(light_field, disparity_range)
+        if self.config.views is None:
+            return for_any_views(light_field, disparity_range, self.config)
+        return for_grid(light_field, disparity_range, self.config)
+
 
 @functools.lru_cache(maxsize=64)
 def _compiled(run: Callable, structure: Any, shapes: tuple, **static: Any) -> Callable:
@@ -184,7 +235,7 @@ def _compiled(run: Callable, structure: Any, shapes: tuple, **static: Any) -> Ca
     return jax.jit(run, static_argnames=tuple(static)).lower(*arguments, **static).compile()
 
 
-def _run_photometric(views, candidates, offsets, *, config):
+def _run_photometric(_, views, candidates, offsets, *, config):
     return photometric(views, candidates, offsets=offsets, config=config)._asdict()
 
 

@@ -1,5 +1,8 @@
 """Estimators as users call them: ranges, grids, weights, and what they refuse."""
 
+import jax
+import jax.export
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -151,3 +154,12 @@ def test_the_function_is_the_estimator(photometric):
     again = photometric(light_field, disparity_range=(-1.0, 2.0))
     np.testing.assert_array_equal(result.disparity, again.disparity)
     assert occjax.estimate is estimate
+
+
+def test_an_exported_estimator_gives_the_same_answer_without_the_library(tiny_estimator):
+    scene = plane()
+    exported = tiny_estimator.export(scene)
+    again = jax.export.deserialize(exported.serialize())
+    result = again.call(jnp.asarray(scene.grey()))
+    np.testing.assert_allclose(result["disparity"], tiny_estimator(scene).disparity, atol=1e-5)
+    assert [shape.shape for shape in again.in_avals] == [(*scene.grid, *scene.image_size)]
