@@ -13,6 +13,7 @@ import pytest
 
 import occjax
 from occjax import cli
+from occjax.cli import estimating
 from occjax.io import read_pfm, write_pfm
 from tests.scenes import plane
 
@@ -114,20 +115,20 @@ def test_names_of_the_result_folders(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "two")
     scenes = [tmp_path / name for name in ("one.npy", "one.npz", "two/scene", "three/scene")]
     scenes += [tmp_path / "two" / ".." / "two" / "scene", tmp_path / "link"]
-    names = cli._folder_names(tuple(scenes))
+    names = estimating._folder_names(tuple(scenes))
     assert list(names.values()) == ["one", "one_npz", "scene", "three_scene", "link"]
-    assert cli._folder_names((Path("/"),)) == {Path("/"): "root"}
+    assert estimating._folder_names((Path("/"),)) == {Path("/"): "root"}
 
 
 def test_an_unforeseen_failure_does_not_stop_the_other_scenes(run, scene, tmp_path, monkeypatch):
-    write = cli.write_outputs
+    write = estimating.write_outputs
 
     def fail_on_first(estimate, light_field, folder):
         if folder.name == "copy":
             raise RuntimeError("out of luck")
         return write(estimate, light_field, folder)
 
-    monkeypatch.setattr(cli, "write_outputs", fail_on_first)
+    monkeypatch.setattr(estimating, "write_outputs", fail_on_first)
     shutil.copytree(scene, tmp_path / "copy")
     code, out, err = run("estimate", tmp_path / "copy", scene, "-o", tmp_path / "out", *RANGE)
     assert code == 1
@@ -137,7 +138,7 @@ def test_an_unforeseen_failure_does_not_stop_the_other_scenes(run, scene, tmp_pa
 
 def test_a_place_that_cannot_be_written_is_told_before_computing(run, scene, tmp_path, monkeypatch):
     (tmp_path / "file").touch()
-    monkeypatch.setattr(cli.Estimator, "__call__", None)  # computing would fail
+    monkeypatch.setattr(estimating.Estimator, "__call__", None)  # computing would fail
     code, _, err = run("estimate", scene, "-o", tmp_path / "file", *RANGE)
     assert code == 2
     assert str(tmp_path / "file") in err

@@ -27,6 +27,7 @@ from occjax.inference.preparation import (
 from occjax.inference.result import Estimate
 from occjax.lightfield import LightField
 from occjax.models import PRESETS, NetworkConfig, preset
+from occjax.models.bundled import find_weights
 from occjax.models.config import Warp
 from occjax.models.weights import load_weights
 from occjax.ops import confidence, occlusion_maps
@@ -56,7 +57,8 @@ def estimate(
         light_field: Views and what is known about them, see :func:`occjax.load`.
         model: ``"photometric"`` (training-free, any grid) or a network's preset. By default the one
             the weights were made for, or photometric without weights.
-        weights: File of the network's weights, ``.safetensors`` or the published ``.h5``/``.hdf5``.
+        weights: File of the network's weights, ``.safetensors`` or the published ``.h5``/``.hdf5``,
+            or the name of those in the package (``occjax weights list``).
         warp: ``"correct"`` or ``"transposed"``, in place of what the weights were trained with.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step. By default what
             the light field says, else what its photo-consistency shows.
@@ -121,6 +123,7 @@ class Estimator:
             )
         else:
             expected = None if model is None else preset(model)
+            weights = find_weights(weights)
             self._variables, self.config = load_weights(weights, expected, warp=warp)
             self.model = model or _name_of(self.config)
             self.weights = Path(weights).name
@@ -183,11 +186,10 @@ class Estimator:
     ) -> jax.export.Exported:
         """The compiled estimator as portable StableHLO, weights and candidates inside.
 
-        It runs without occjax and without Python's part of the network, wherever StableHLO runs:
-        write ``exported.serialize()`` to a file, and call
-        ``jax.export.deserialize(data).call(views)`` (extra ``export``) with the views as :attr:`Ready.arguments` has
-        them first: grey ``[v, u, h, w]`` for a network, ``[v, u, h, w, c]`` for the photometric
-        estimator, in [0, 1], float32.
+        It runs without occjax and without Python's part of the network, wherever StableHLO runs.
+        Write ``exported.serialize()`` to a file (extra ``export``), and call
+        ``jax.export.deserialize(data).call(views)``. The views are float32 in [0, 1]: grey
+        ``[v, u, h, w]`` for a network, ``[v, u, h, w, c]`` for the photometric estimator.
 
         Args:
             light_field: One of the shape and the arrangement of views to export for.

@@ -1,0 +1,86 @@
+"""All commands put together, and what they have in common: warnings, errors, exit codes."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+
+import jax
+import platformdirs
+from tyro.extras import SubcommandApp
+
+import occjax
+from occjax.cli.estimating import demo_command, estimate_command, show_warning
+from occjax.cli.measuring import check_command, evaluate_command
+from occjax.cli.weights import fetch_command, list_command
+from occjax.errors import InputError
+from occjax.render.command import render_command
+
+
+def _app(arguments: list[str]) -> SubcommandApp:
+    """The commands; that of training reads the arguments for its defaults."""
+    weights = SubcommandApp()
+    weights.command(list_command, name="list")
+    weights.command(fetch_command, name="fetch")
+    app = SubcommandApp()
+    app.command(estimate_command, name="estimate")
+    app.command(evaluate_command, name="evaluate")
+    app.command(check_command, name="check")
+    app.command(demo_command, name="demo")
+    app.command(weights, name="weights", help="Weights of the networks.")
+    app.command(_train_command(arguments), name="train")
+    app.command(render_command, name="render")
+    return app
+
+
+def _train_command(arguments: list[str]):
+    if arguments[:1] != ["train"]:
+
+        def train_command() -> int:
+            """Train a network, or go on with training it."""
+            return 0  # only its first line is shown, by the help on all commands
+
+        return train_command
+    # Optimisers and checkpoints take a second to import, which no other command should wait for.
+    from occjax.training.command import training_command
+
+    return training_command(arguments[1:])
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a name the terminal cannot show is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
+    if sys.argv[1:] in (["--version"], ["-V"]):
+        print(f"occjax {occjax.__version__}")
+        sys.exit(0)
+    _cache_compilations()
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = show_warning
+        sys.exit(_run())
+
+
+def _run() -> int:
+    """The command's exit code."""
+    try:
+        code = _app(sys.argv[1:]).cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
+        sys.stdout.flush()
+    except InputError as error:
+        print(f"occjax: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # the reader of our output, head for instance, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except KeyboardInterrupt:
+        print("occjax: interrupted", file=sys.stderr)
+        return 130
+    return code
+
+
+def _cache_compilations() -> None:
+    """Keep compiled programs in the user's cache, so that a second run starts at once."""
+    jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("occjax") + "/xla")
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

@@ -1,0 +1,80 @@
+"""The commands ``evaluate`` and ``check``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from occjax.cli.options import Stored
+from occjax.evaluation import BORDER, THRESHOLDS, evaluate_files
+from occjax.io import Orientation, OrientationReport, check
+from occjax.io.orientation import declared_orientation
+
+
+def evaluate_command(
+    estimate: Positional[Annotated[Path, arg(help="Disparity map, PFM or NPY.")]],
+    ground_truth: Positional[Annotated[Path, arg(help="True disparity, PFM or NPY.")]],
+    thresholds: Annotated[
+        tuple[float, ...], arg(help="BadPix thresholds, in pixels per view step.")
+    ] = THRESHOLDS,
+    border: Annotated[int, arg(help="Pixels left out at each side.")] = BORDER,
+    json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
+) -> int:
+    """Compare a disparity map with the ground truth."""
+    metrics = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
+    print(json.dumps(metrics.as_dict(), indent=2) if json_ else metrics.table())
+    return 0
+
+
+def check_command(
+    path: Positional[
+        Annotated[Path, arg(help="Folder of views, image of all views, or array file.")]
+    ],
+    stored: OmitArgPrefixes[Stored] = Stored(),
+) -> int:
+    """Measure which way round the grid of views is, and the scene's disparity range."""
+    light_field = stored.load(path, check_orientation=False)
+    v, u = light_field.grid
+    h, w = light_field.image_size
+    print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
+    print(_layout_report(check(light_field), declared_orientation(stored.order, stored.flip)))
+    return 0
+
+
+def _layout_report(report: OrientationReport, declared: Orientation) -> str:
+    """The eight layouts by their consistency, which of them is right, and the disparity range."""
+    lines = [
+        "",
+        "  mean grey difference from the centre view at each pixel's best disparity:",
+    ]
+    for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
+        lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
+    lines.append("")
+    right = declared.then(report.best)
+    if report.clearly_worse:
+        flip = f" --flip {right.flip}" if right.flip else ""
+        lines.append(f"layout: {report.best.name}; pass --order {right.order}{flip}")
+    elif report.conclusive:
+        lines.append("layout: as declared")
+    else:
+        lines.append(
+            "layout: cannot tell, none is clearly more consistent than the others; are grid and "
+            "layout right?"
+            if not report.fits
+            else "layout: cannot tell, too little texture or disparity"
+        )
+    if report.nearer_in_front is not None:
+        share = f"{report.nearer_in_front:.0%}"
+        lines.append(f"  in {share} of the occlusions the nearer surface is in front")
+    if report.conclusive and not report.sign_known:
+        lines.append(
+            "  too few occlusions to tell the sign of disparity: with rows and columns flipped "
+            "besides,\n  the views would be as consistent"
+        )
+    low, high = report.disparity_range
+    source = f"from {report.measured:.0%} of the pixels" if report.measured else "nothing measured"
+    lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
+    return "\n".join(lines)

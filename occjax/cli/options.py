@@ -1,0 +1,44 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from tyro.conf import arg
+
+from occjax.io import Layout, load
+from occjax.lightfield import LightField
+
+
+def option(help: str, metavar: str) -> Any:
+    """An option that may be left out; ``None`` means nothing to a user."""
+    return arg(help=help, metavar=metavar, help_behavior_hint="")
+
+
+@dataclasses.dataclass(frozen=True)
+class Stored:
+    """How a light field is stored, where that is not found out."""
+
+    layout: Annotated[
+        str | None, option(f"How the views are stored: {', '.join(get_args(Layout))}.", "LAYOUT")
+    ] = None
+    pattern: Annotated[
+        str | None, option("File names of the views, with {v} and {u} or {i} in them.", "PATTERN")
+    ] = None
+    grid: Annotated[
+        tuple[int, int] | None, option("Rows and columns of views as stored.", "V U")
+    ] = None
+    key: Annotated[str | None, option("Name of the views in an .npz.", "NAME")] = None
+    order: Annotated[
+        Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")
+    ] = "vu"
+    flip: Annotated[
+        str,
+        option("Axes of the grid that run backwards in the files: v, u or vu.", "AXES"),
+    ] = ""
+
+    def load(self, path: Path, **options) -> LightField:
+        """Read a light field that is stored this way."""
+        return load(path, **dataclasses.asdict(self), **options)
