@@ -104,8 +104,9 @@ def disparity_from_depth(depth: np.ndarray, calibration: Calibration) -> np.ndar
 
     Example:
         >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
-        >>> disparity_from_depth(np.array([[3.5, 7.0, np.inf]]), camera).round(3).tolist()
-        [[0.061, 0.0, -0.061]]
+        >>> disparity = disparity_from_depth(np.array([[3.5, 7.0, np.inf]]), camera)
+        >>> [round(float(value), 3) for value in disparity[0]]
+        [0.061, 0.0, -0.061]
     """
     focal_length_pixels = (
         calibration.focal_length_mm / calibration.sensor_size_mm * max(depth.shape)

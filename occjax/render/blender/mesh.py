@@ -6,11 +6,15 @@ textures are fixed to those coordinates.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from .noise import fractal_noise
+
+Point = Sequence[float | int] | np.ndarray
+"""Position ``(x, y, z)`` in metres."""
 
 
 class Mesh(NamedTuple):
@@ -43,7 +47,7 @@ def grid(points: np.ndarray, *, close_rows: bool = False, close_columns: bool = 
     return Mesh(points.reshape(-1, 3), np.stack(corners, -1).reshape(-1, 4))
 
 
-def sheet(width: float, height: float, rows: int = 1, columns: int = 1) -> Mesh:
+def sheet(width: float | int, height: float | int, rows: int = 1, columns: int = 1) -> Mesh:
     """A flat rectangle around the origin in the plane ``z = 0``, facing up."""
     y, x = np.meshgrid(
         np.linspace(-height / 2, height / 2, rows + 1),
@@ -205,7 +209,7 @@ def join(*meshes: Mesh) -> Mesh:
     )
 
 
-def move(mesh: Mesh, offset: tuple[float, float, float] | np.ndarray) -> Mesh:
+def move(mesh: Mesh, offset: Point) -> Mesh:
     """The mesh at another place."""
     return mesh._replace(vertices=mesh.vertices + np.asarray(offset))
 
@@ -216,7 +220,7 @@ def transform(mesh: Mesh, matrix: np.ndarray) -> Mesh:
 
 
 def pose(
-    location: tuple[float, float, float] | np.ndarray = (0.0, 0.0, 0.0),
+    location: Point = (0.0, 0.0, 0.0),
     turn: float = 0.0,
     tilt: float = 0.0,
     roll: float = 0.0,

@@ -120,7 +120,7 @@ def still_life(palette: Palette) -> Ingredients:
 
 
 def _tall(thing: Thing) -> bool:
-    return max(part.mesh.vertices[:, 2].max() + part.matrix[2, 3] for part in thing) > 0.13
+    return bool(max(part.mesh.vertices[:, 2].max() + part.matrix[2, 3] for part in thing) > 0.13)
 
 
 def room(palette: Palette) -> Ingredients:
@@ -134,7 +134,7 @@ def room(palette: Palette) -> Ingredients:
         Part(sheet(width + 4, height), wall, pose((0, depth, height / 2), roll=QUARTER)),
         Part(
             box(width, 0.02, 0.1),
-            palette.pick("lacquer", "wood", size=1),
+            palette.pick("lacquer", "wood", size=1.0),
             pose((0, depth - 0.01, 0)),
         ),
     ]
