@@ -20,7 +20,8 @@ class RenderConfig:
 
     Attributes:
         seed: Decides what is in the scene, its light, its camera and the noise.
-        style: Kind of scene; ``"mixed"`` takes the kinds in turn, by the seed.
+        style: Kind of scene; one of :data:`STYLES`. ``"mixed"`` takes the others in turn, by the
+            seed.
         image_size: ``(h, w)`` of each view in pixels.
         grid: ``(V, U)`` views; the centre one is that of :mod:`occjax.lightfield`.
         samples: Rays per pixel. Their number is what a rendering costs, and its noise.
@@ -32,7 +33,7 @@ class RenderConfig:
     """
 
     seed: int = 0
-    style: Style = "mixed"
+    style: str = "mixed"
     image_size: tuple[int, int] = (256, 256)
     grid: tuple[int, int] = (9, 9)
     samples: int = 32

@@ -5,6 +5,7 @@ import os
 import subprocess
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -84,18 +85,22 @@ def test_views_agree_with_the_ground_truth_and_with_no_other_layout(rendered):
     assert low < -0.4 < 0.4 < high
 
     def disagreement(disparity, rows, columns):
-        views = light_field.floating()
+        views = jnp.asarray(light_field.floating())
         centre = views[1, 1]
         errors = [
-            np.abs(
-                warp(views[1 + v, 1 + u], disparity, np.float32([rows(v, u), columns(v, u)]))
+            jnp.abs(
+                warp(
+                    views[1 + v, 1 + u],
+                    disparity,
+                    jnp.array([rows(v, u), columns(v, u)], jnp.float32),
+                )
                 - centre
             )
             for v, u in ((0, 1), (1, 0), (0, -1), (-1, 0))
         ]
         return float(np.median(np.stack(errors), axis=0).mean())
 
-    truth = light_field.ground_truth
+    truth = jnp.asarray(light_field.ground_truth)
     right = disagreement(truth, lambda v, u: v, lambda v, u: u)
     others = {
         "transposed": disagreement(truth, lambda v, u: u, lambda v, u: v),

@@ -25,7 +25,7 @@ class Rig(NamedTuple):
     baseline_mm: float
     focus_distance_m: float
 
-    def offset(self, row_step: float, column_step: float) -> tuple[float, float]:
+    def offset(self, row_step: float | int, column_step: float | int) -> tuple[float, float]:
         """Metres to the right and up of the centre camera, for steps down and to the right."""
         return column_step * self.baseline_mm / 1000.0, -row_step * self.baseline_mm / 1000.0
 
