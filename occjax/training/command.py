@@ -100,7 +100,7 @@ def _defaults(arguments: Sequence[str]) -> Recipe:
     name = _value_of(arguments, "--recipe") or DEFAULT_RECIPE
     chosen = recipe(name if name in RECIPES else DEFAULT_RECIPE)
     network_name = _value_of(arguments, "--network-preset")
-    if network_name not in PRESETS:
+    if network_name is None or network_name not in PRESETS:
         return chosen
     network = preset(network_name)
     scenes = chosen.data.scenes

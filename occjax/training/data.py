@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import jax
 
@@ -14,10 +15,10 @@ from occjax.data.photographs import load_photographs
 from occjax.data.pool import pool_source
 from occjax.data.scene_config import SceneConfig
 from occjax.data.scenes import load_scenes
-from occjax.data.sources import Source, mixture, procedural_source
+from occjax.data.sources import Source, mixture, procedural_source, random_views
+from occjax.data.views import Selection
 from occjax.errors import InputError
 from occjax.models import NetworkConfig
-from occjax.training.step import takes_offsets
 from occjax.training.validation import Scene, scenes_from_batch
 
 VALIDATION_SEED = 2**31
@@ -40,6 +41,9 @@ class DataConfig:
         folder_share: Of patches of these scenes.
         published: Whether patches of scenes are drawn and varied as published, 32x32 pixels;
             otherwise as ``augmentation`` says.
+        arrangements: For a network of any arrangement of views, how often a step sees which of the
+            views there are, as relative weights: ``all``, ``star``, ``cross`` or ``VxU``, such as
+            ``3x3`` for the inner ones. None means all of them in every step.
         augmentation: How light fields are varied; None for not at all.
         seed: Of everything that is drawn.
     """
@@ -53,6 +57,7 @@ class DataConfig:
     folders: tuple[Path, ...] = ()
     folder_share: float = 1.0
     published: bool = False
+    arrangements: dict[str, float] = field(default_factory=dict)
     augmentation: AugmentationConfig | None = field(default_factory=AugmentationConfig)
     seed: int = 0
 
@@ -72,27 +77,33 @@ def make_source(config: DataConfig, network: NetworkConfig) -> Source:
             or a folder cannot be used.
     """
     _check_views(config.scenes, network)
-    views = config.scenes.views if takes_offsets(network) else network.views
-    common = {"batch_size": config.batch_size, "seed": config.seed}
+    views: Selection = config.scenes.views if network.views is None else network.views
+    size, seed, augmentation = config.batch_size, config.seed, config.augmentation
     parts: dict[Source, float] = {}
     if config.procedural_share > 0.0:
-        parts[_procedural(config, **common)] = config.procedural_share
+        parts[_procedural(config, size, seed)] = config.procedural_share
     if config.pool is not None and config.pool_share > 0.0:
-        varied = {"augmentation": config.augmentation, "views": views}
-        parts[pool_source(config.pool, **common, **varied)] = config.pool_share
+        pooled = pool_source(config.pool, size, seed, augmentation=augmentation, views=views)
+        parts[pooled] = config.pool_share
     if config.folders and config.folder_share > 0.0:
         scenes = load_scenes(config.folders, views=views)
         source = (
-            published_source(scenes, **common)
+            published_source(scenes, size, seed)
             if config.published
-            else folder_source(scenes, **common, augmentation=config.augmentation)
+            else folder_source(scenes, size, seed, augmentation=augmentation)
         )
         parts[source] = config.folder_share
     if not parts:
         raise InputError(
             "there is no training data; give data.procedural_share, data.pool or data.folders"
         )
-    return mixture(parts) if len(parts) > 1 else next(iter(parts))
+    source = mixture(parts) if len(parts) > 1 else next(iter(parts))
+    if not config.arrangements:
+        return source
+    if network.views is not None:
+        raise InputError("the network takes all views of its grid; leave out data.arrangements")
+    selections = {_selection(name): weight for name, weight in config.arrangements.items()}
+    return random_views(source, selections, config.seed)
 
 
 def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
@@ -108,7 +119,7 @@ def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
     if not count:
         return []
     unvaried = dataclasses.replace(config, augmentation=None)
-    source = _procedural(unvaried, batch_size=count, seed=config.seed + VALIDATION_SEED)
+    source = _procedural(unvaried, count, config.seed + VALIDATION_SEED)
     return scenes_from_batch(source(0), "procedural")
 
 
@@ -118,7 +129,7 @@ def fixed(source: Source) -> Source:
     return lambda step: batch
 
 
-def _procedural(config: DataConfig, *, batch_size: int, seed: int) -> Source:
+def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
     return procedural_source(
         config.scenes,
         batch_size,
@@ -128,8 +139,16 @@ def _procedural(config: DataConfig, *, batch_size: int, seed: int) -> Source:
     )
 
 
+def _selection(name: str) -> Selection:
+    """A selection of views by its name; ``select_views`` refuses what is none."""
+    rows, times, columns = name.partition("x")
+    if times and rows.isdecimal() and columns.isdecimal():
+        return int(rows), int(columns)
+    return cast(Selection, name)
+
+
 def _check_views(scenes: SceneConfig, network: NetworkConfig) -> None:
-    if takes_offsets(network) or (scenes.views == "all" and scenes.grid == network.views):
+    if network.views is None or (scenes.views == "all" and scenes.grid == network.views):
         return
     v, u = network.views
     raise InputError(

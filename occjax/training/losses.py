@@ -28,11 +28,11 @@ class Total(NamedTuple):
 
     Attributes:
         value: ``[]`` sum.
-        count: ``[]`` number of terms.
+        terms: ``[]`` their number.
     """
 
     value: Float[Array, "*b"]
-    count: Float[Array, "*b"]
+    terms: Float[Array, "*b"]
 
 
 def cascade_loss(
@@ -75,7 +75,7 @@ def cascade_loss(
     loss, errors = jnp.zeros(()), {}
     for index, (weight, stage) in enumerate(zip(weights, totals, strict=True)):
         for name, total in stage.items():
-            mean = total.value.sum() / jnp.maximum(total.count.sum(), 1.0)
+            mean = total.value.sum() / jnp.maximum(total.terms.sum(), 1.0)
             loss = loss + weight * importance[name] * mean
             errors[f"{name}_{index}"] = mean
     return loss, errors
@@ -100,11 +100,12 @@ def stage_totals(
     truth = jnp.where(sample.valid, sample.disparity, 0.0)
     error = penalty(output.disparity - truth, kind=config.penalty, width=config.width)
     totals = {"disparity": total(error, counted)}
-    if config.distribution > 0.0 and output.probabilities is not None:
+    probabilities, candidates = output.probabilities, output.candidates
+    if config.distribution > 0.0 and probabilities is not None and candidates is not None:
         relative = truth
         if before is not None:
             relative = truth - jax.lax.stop_gradient(before.disparity)
-        entropy, covered = distribution_error(output.probabilities, output.candidates, relative)
+        entropy, covered = distribution_error(probabilities, candidates, relative)
         totals["distribution"] = total(entropy, counted & covered)
     if config.occlusion > 0.0 and output.occlusion is not None:
         entropy = visibility_error(occlusion_weights(output.occlusion), sample.visibility)

@@ -22,8 +22,8 @@ def learning_rate(config: OptimiserConfig, steps: int) -> optax.Schedule:
     Example:
         >>> published = OptimiserConfig(schedule="halving", peak_rate=1e-3)
         >>> rate = learning_rate(published, 480_000)
-        >>> [round(float(rate(4000 * epoch)), 6) for epoch in (0, 28, 29, 59, 119)]
-        [0.001, 0.001, 0.0005, 0.00025, 6.2e-05]
+        >>> [round(1e6 * float(rate(4000 * epoch))) for epoch in (0, 28, 29, 59, 89)]
+        [1000, 1000, 500, 250, 125]
     """
     peak, warm_up, final = config.peak_rate, config.warm_up, config.final_fraction
 

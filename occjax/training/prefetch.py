@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
@@ -19,7 +19,7 @@ def prefetch(
     *,
     ahead: int = 2,
     sharding: jax.sharding.Sharding | None = None,
-) -> Iterator[tuple[int, Sample]]:
+) -> Generator[tuple[int, Sample], None, None]:
     """Steps ``first`` to ``end - 1`` with their batches.
 
     Args:

@@ -126,6 +126,7 @@ def recipe(name: str) -> Recipe:
 
 def _all_views(network: NetworkConfig, size: int) -> SceneConfig:
     """Square scenes with the views that a network takes."""
+    assert network.views is not None
     return SceneConfig(image_size=(size, size), grid=network.views, views="all")
 
 

@@ -63,7 +63,7 @@ def init_state(config: TrainConfig, batch: Sample) -> TrainState:
 
 @partial(jax.jit, static_argnames="network")
 def _first_variables(key: Array, views: Array, inputs: dict, network: NetworkConfig) -> dict:
-    return OccCasNet(network).init(key, views, **inputs)
+    return dict(OccCasNet(network).init(key, views, **inputs))
 
 
 def state_of(variables: dict, config: TrainConfig) -> TrainState:
@@ -193,7 +193,7 @@ def takes_offsets(network: NetworkConfig) -> bool:
     return network.views is None
 
 
-def network_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Array]:
+def network_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Any]:
     """What a network is given beside the views.
 
     Args:
@@ -203,7 +203,7 @@ def network_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Array]:
     Returns:
         Keyword arguments of the network and of :func:`occjax.inference.network.infer`.
     """
-    inputs = {}
+    inputs: dict[str, Any] = {}
     if takes_offsets(network):
         inputs["offsets"] = sample.offsets
     if any(stage.occlusion == "ground_truth" for stage in network.stages):

@@ -21,7 +21,7 @@ from occjax.io import load
 from occjax.io.atomic import atomic_path
 from occjax.ops import view_offsets
 from occjax.training.config import TrainConfig
-from occjax.training.step import network_inputs, takes_offsets
+from occjax.training.step import network_inputs
 from occjax.viz.colour import disparity_colours, error_colours, limits
 
 SCORE = f"badpix_{THRESHOLDS[0]:g}"
@@ -111,19 +111,19 @@ def scenes_from_folders(
             raise InputError(
                 f"{folder}: has no ground truth to validate with; choose another scene"
             )
-        if not takes_offsets(config.network):
+        if config.network.views is not None:
             light_field = light_field.central(*config.network.views)
         offsets, grey = light_field.positions, light_field.grey()
         sample = Sample(
-            views=grey,
-            offsets=np.asarray(view_offsets(*light_field.grid) if offsets is None else offsets),
-            disparity=np.asarray(truth, np.float32),
-            visibility=np.ones(grey.shape, bool),
-            valid=np.isfinite(truth),
+            views=jnp.asarray(grey),
+            offsets=view_offsets(*light_field.grid) if offsets is None else jnp.asarray(offsets),
+            disparity=jnp.asarray(truth, jnp.float32),
+            visibility=jnp.ones(grey.shape, bool),
+            valid=jnp.asarray(np.isfinite(truth)),
         )
-        if takes_offsets(config.network):
+        if config.network.views is None:
             sample = select_views(sample, views)
-        scenes.append(Scene(light_field.name, jax.tree.map(jnp.asarray, sample)))
+        scenes.append(Scene(light_field.name, sample))
     return _with_unique_names(scenes)
 
 

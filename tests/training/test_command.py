@@ -3,9 +3,12 @@
 import dataclasses
 from types import MappingProxyType
 
+import numpy as np
 import pytest
 import tyro
 
+from occjax.data.samples import Sample
+from occjax.data.scene_config import arrangement
 from occjax.errors import InputError
 from occjax.models import preset
 from occjax.training import (
@@ -13,6 +16,7 @@ from occjax.training import (
     RunConfig,
     TrainConfig,
     command,
+    data,
     read_log,
     recipes,
 )
@@ -73,6 +77,19 @@ def test_the_network_can_be_another_preset_with_its_views(begun, tmp_path):
     assert begun["data"]["scenes"]["grid"] == (9, 9)
 
 
+def test_steps_of_the_light_network_can_see_different_views(begun, monkeypatch, tmp_path):
+    images = np.zeros((1, 1, 17, 4, 6), np.float32)
+    seen = images == 0
+    offsets = arrangement((5, 5), "star")[None]
+    star = Sample(images, offsets, images[:, 0, 8], seen, seen[:, 0, 8])
+    monkeypatch.setattr(data, "procedural_source", lambda *_, **__: lambda step: star)
+    options = ["--recipe", "light", "--data.arrangements", "star", "1", "cross", "1", "3x3", "1"]
+    assert run(tmp_path, *options) == 0
+    batches = [begun["source"](step) for step in range(20)]
+    kinds = {(batch.views.shape[1:3], float(np.abs(batch.offsets).max())) for batch in batches}
+    assert kinds == {((1, 17), 2.0), ((1, 9), 2.0), ((1, 9), 1.0)}
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -81,6 +98,7 @@ def test_the_network_can_be_another_preset_with_its_views(begun, tmp_path):
         (["--recipe", "tiny", "--data.scenes.grid", "5", "5"], "all views of a 3x3 grid"),
         (["--recipe", "tiny", "--data.procedural-share", "0"], "no training data"),
         (["--recipe", "tiny", "--data.pool", "nowhere"], "nowhere: is not a pool"),
+        (["--recipe", "tiny", "--data.arrangements", "star", "1"], "leave out data.arrangements"),
         (["--recipe", "published"], "no training data; give data.procedural_share, data.pool or"),
         (["--recipe", "tiny", "--data.folders", "nowhere"], "nowhere"),
         (["--recipe", "tiny", "--validate", "nowhere"], "nowhere"),
