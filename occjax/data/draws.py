@@ -45,7 +45,8 @@ class Draws:
 
     def uniform(self, low: ArrayLike, high: ArrayLike) -> Float[Array, "*n"]:
         """Evenly between two values."""
-        return low + (high - low) * self.unit()  # type: ignore[operator]
+        low = jnp.asarray(low, jnp.float32)
+        return low + (jnp.asarray(high, jnp.float32) - low) * self.unit()
 
     def log_uniform(self, low: ArrayLike, high: ArrayLike) -> Float[Array, "*n"]:
         """Between two positive values, evenly in the logarithm."""

@@ -31,7 +31,7 @@ VISIBLE_WITHIN = 2e-3
 @partial(jax.jit, static_argnames=("config", "views_at_once"))
 def generate(
     key: Key,
-    config: SceneConfig = SceneConfig(),  # noqa: B008 (frozen)
+    config: SceneConfig = SceneConfig(),
     photographs: Float[Array | np.ndarray, "p 256 256"] | None = None,
     *,
     views_at_once: int = 1,

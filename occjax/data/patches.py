@@ -139,6 +139,11 @@ def first_hits(
     return nearest
 
 
+def joined(*parts: Quadrics) -> Quadrics:
+    """Several lists of surfaces as one."""
+    return Quadrics(*(jnp.concatenate(values) for values in zip(*parts, strict=True)))
+
+
 def sample(
     image: Float[Array, "m n"], y: Float[Array, "*r"], x: Float[Array, "*r"]
 ) -> Float[Array, "*r"]:

@@ -8,6 +8,7 @@ pixel.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +27,7 @@ def textures(
     noise_key: Key,
     count: int,
     kinds: Textures,
-    photographs: Float[Array, "p 256 256"] | None = None,
+    photographs: Float[Array | np.ndarray, "p 256 256"] | None = None,
     photograph_share: float = 0.0,
 ) -> Float[Array, "count 256 256"]:
     """Draw textures, of values in [-1, 1] with a mean of about zero.
@@ -86,7 +87,9 @@ def textures(
     bricks = jnp.where(joint < 0.0, draws.signed(0.5, 1.0), 0.6 * _cell_values(along, y))
     radius = jnp.hypot(across - 128.0 + 60.0 * warp * first, down - 128.0) / 128.0
     ramp = jnp.where(
-        draws.chance(0.5), _wave(0.04 * period * x), _wave(radius * draws.uniform(0.1, 0.6))
+        draws.chance(0.5),
+        _wave((x - warp * first) * period / draws.log_uniform(150.0, 900.0) + draws.unit()),
+        _wave(radius * draws.uniform(0.1, 0.6)),
     )
 
     candidates = [clouds, stripes, checks, dots, bricks, tone, ramp]
@@ -114,6 +117,8 @@ def outlines(
     Returns:
         ``[count, 256, 256]``, true inside.
     """
+    if sum(dataclasses.astuple(kinds)) <= 0.0:
+        return jnp.zeros((count, OUTLINE_SIZE, OUTLINE_SIZE), bool)
     draws = draws.of((count, 1, 1))
     axis = jnp.linspace(-1.0, 1.0, OUTLINE_SIZE)
     y, x = (
@@ -168,8 +173,8 @@ def outlines(
 
     candidates = [plain, polygon, blob, holes, grids, wires, _leaves(draws, count, x, y)]
     kind = draws.kind(dataclasses.astuple(kinds))
-    level = sum(jnp.where(kind == i, candidate, 0.0) for i, candidate in enumerate(candidates))
-    return level > 0.0
+    inside = [(kind == i) & (candidate > 0.0) for i, candidate in enumerate(candidates)]
+    return functools.reduce(jnp.logical_or, inside)
 
 
 def noise(
@@ -204,8 +209,11 @@ def noise(
     amplitude = (squared + coarsest**2) ** (-0.5 * exponent)
     amplitude = jnp.where(squared > 0.0, amplitude, 0.0)
     field = jnp.fft.ifft2(jax.lax.complex(white[0], white[1]) * amplitude.astype(jnp.complex64))
-    scale = jax.lax.rsqrt(jnp.mean(jnp.square(field.real), axis=(1, 2), keepdims=True) + 1e-20)
-    return field.real * scale, field.imag * scale
+
+    def normal(part):
+        return part * jax.lax.rsqrt(jnp.mean(part * part, axis=(1, 2), keepdims=True) + 1e-20)
+
+    return normal(field.real), normal(field.imag)
 
 
 def _leaves(draws: Draws, count: int, x, y, leaves: int = 9) -> Float[Array, "count 256 256"]:
@@ -233,7 +241,7 @@ def _pictures(draws: Draws, count: int, photographs) -> Float[Array, "count 256 
     """Photographs chosen at random, mirrored and turned, with contrast stretched."""
     draws = draws.of((count,))
     index = (draws.unit() * photographs.shape[0]).astype(jnp.int32)
-    chosen = photographs[jnp.minimum(index, photographs.shape[0] - 1)]
+    chosen = jnp.asarray(photographs)[jnp.minimum(index, photographs.shape[0] - 1)]
     mean = jnp.mean(chosen, axis=(1, 2), keepdims=True)
     spread = jnp.std(chosen, axis=(1, 2), keepdims=True) + 1e-3
     chosen = jnp.clip((chosen - mean) / (2.5 * spread), -1.0, 1.0)

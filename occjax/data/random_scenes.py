@@ -1,4 +1,4 @@
-"""Random scenes: which surfaces there are, where they are and what they look like.
+"""Random scenes: which surfaces there are, and where they are.
 
 Lengths are in pixels from the image centre; depth is ``relief`` pixels per unit of disparity.
 """
@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from occjax.data import patterns
 from occjax.data.draws import Draws, Key
-from occjax.data.patches import Geometry, Quadrics
+from occjax.data.patches import Geometry, Quadrics, joined
+from occjax.data.random_looks import Space, draw_light, draw_materials
 from occjax.data.scene_config import SceneConfig
 from occjax.data.shading import Light, Materials
 
@@ -34,14 +36,6 @@ class RandomScene(NamedTuple):
     light: Light
 
 
-class _Space(NamedTuple):
-    """Where the surfaces of a scene may be."""
-
-    low: Float[Array, ""]
-    high: Float[Array, ""]
-    relief: Float[Array, ""]
-
-
 class _Walls(NamedTuple):
     """Planes ``d = level + across X + down Y`` that the walls are or bend away from."""
 
@@ -56,7 +50,7 @@ class _Walls(NamedTuple):
 
 
 def random_scene(
-    key: Key, config: SceneConfig, photographs: Float[Array, "p 256 256"] | None = None
+    key: Key, config: SceneConfig, photographs: Float[Array | np.ndarray, "p 256 256"] | None = None
 ) -> RandomScene:
     """Draw a scene.
 
@@ -82,8 +76,8 @@ def random_scene(
         solids=solids,
         limits=jnp.stack([space.low, space.high]),
     )
-    materials = _draw_materials(draws, config, space, geometry, group)
-    light = _draw_light(draws, config, space)
+    materials = draw_materials(draws, config, space, geometry, group)
+    light = draw_light(draws, config, space)
     textures = patterns.textures(
         draws,
         texture_key,
@@ -95,17 +89,17 @@ def random_scene(
     return RandomScene(geometry, materials, textures, light)
 
 
-def _draw_space(draws: Draws, config: SceneConfig) -> _Space:
+def _draw_space(draws: Draws, config: SceneConfig) -> Space:
     """Range of disparity, and depth per unit of disparity."""
     lowest, highest = config.disparity_range
     width = draws.log_uniform(*config.disparity_width)
     low = draws.uniform(lowest, highest - width)
     side = min(config.image_size)
     relief = jnp.maximum(draws.log_uniform(0.12 * side, 1.0 * side), 0.35 * side / width)
-    return _Space(low, jnp.minimum(low + width, highest), relief)
+    return Space(low, jnp.minimum(low + width, highest), relief)
 
 
-def _draw_walls(draws: Draws, config: SceneConfig, space: _Space) -> tuple[Quadrics, _Walls]:
+def _draw_walls(draws: Draws, config: SceneConfig, space: Space) -> tuple[Quadrics, _Walls]:
     """A plane at the lowest disparity, a wall or floor that fills the image, and some more."""
     count = config.walls - 1
     draws = draws.of((count,))
@@ -166,11 +160,11 @@ def _draw_walls(draws: Draws, config: SceneConfig, space: _Space) -> tuple[Quadr
         jnp.concatenate([jnp.zeros(1), across]),
         jnp.concatenate([jnp.zeros(1), down]),
     )
-    return _joined(backdrop, walls), planes
+    return joined(backdrop, walls), planes
 
 
 def _draw_sheets(
-    draws: Draws, config: SceneConfig, space: _Space, planes: _Walls, density
+    draws: Draws, config: SceneConfig, space: Space, planes: _Walls, density
 ) -> Quadrics:
     """Cards, leaves, fences: thin things with an outline, flat or bent."""
     count = config.sheets
@@ -209,7 +203,7 @@ def _draw_sheets(
 
 
 def _draw_solids(
-    draws: Draws, config: SceneConfig, space: _Space, planes: _Walls, density
+    draws: Draws, config: SceneConfig, space: Space, planes: _Walls, density
 ) -> tuple[Quadrics, Int[Array, " n"]]:
     """Boxes, ellipsoids, cylinders and rods; some form groups of overlapping solids."""
     count = config.solids
@@ -267,98 +261,6 @@ def _draw_solids(
     return quadrics, jnp.where(follows, leader, jnp.arange(count))
 
 
-def _draw_materials(
-    draws: Draws, config: SceneConfig, space: _Space, geometry: Geometry, group: Int[Array, " n"]
-) -> Materials:
-    """Looks of all surfaces."""
-    table = _joined(geometry.walls, geometry.sheets, geometry.solids)
-    count = table.slope.shape[0]
-    scene, draws = draws, draws.of((count,))
-    texture_count = config.texture_count
-
-    def index():
-        return jnp.minimum((draws.unit() * texture_count).astype(jnp.int32), texture_count - 1)
-
-    texture, detail = index(), index()
-    calm = jnp.where(scene.chance(config.calm), 0.08, 1.0)
-    contrast = draws.sometimes(
-        config.low_contrast, draws.log_uniform(0.008, 0.06), draws.uniform(0.1, 0.9)
-    )
-    contrast = draws.sometimes(config.textureless, 0.0, calm * contrast)
-    strong = draws.sometimes(0.5, 0.0, draws.log_uniform(0.03, 0.6))
-    detail_contrast = jnp.where(contrast > 0.0, jnp.minimum(strong, contrast), 0.0)
-    tone = draws.uniform(0.04, 0.9)
-    alike = draws.chance(config.similar)
-    # Followers in a group look like its leader, and some things like the wall.
-    first_solid = count - config.solids
-    leaders = jnp.concatenate([jnp.arange(first_solid), first_solid + group])
-    like = jnp.where(alike[leaders], min(1, config.walls - 1), leaders)
-    varied = 1.0 + draws.sometimes(0.6, draws.uniform(-0.12, 0.12))
-
-    # Texels are laid along the surface: two directions at right angles to its own z axis.
-    normal = table.linear[:, 2].at[:, 2].divide(space.relief)
-    normal = normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
-    tilted = (
-        normal
-        + jnp.stack([draws.uniform(-0.5, 0.5) for _ in range(3)], axis=-1)
-        * (jnp.arange(count) >= first_solid).astype(jnp.float32)[:, None]
-    )
-    normal = tilted / jnp.linalg.norm(tilted, axis=-1, keepdims=True)
-    turn = draws.angle()
-    helper = jnp.stack([jnp.cos(turn), jnp.sin(turn), 0.3 * jnp.sin(3.0 * turn)], axis=-1)
-    first = jnp.cross(normal, helper)
-    first = first / (jnp.linalg.norm(first, axis=-1, keepdims=True) + 1e-6)
-    second = jnp.cross(normal, first)
-    texels = draws.log_uniform(0.4, 1.5)[like]
-    lay = jnp.stack([first, second], axis=1) * texels[:, None, None]
-    lay = lay.at[:, :, 2].multiply(space.relief)
-    start = jnp.stack([draws.uniform(0.0, 256.0), draws.uniform(0.0, 256.0)], axis=-1)
-
-    glossy = scene.chance(config.highlights)
-    gloss = draws.sometimes(0.6, draws.uniform(0.1, 0.7)) * jnp.where(glossy, 1.0, 0.0)
-    mirrors = scene.chance(config.reflections)
-    mirror = draws.sometimes(0.4, draws.uniform(0.02, 0.15)) * jnp.where(mirrors, 1.0, 0.0)
-    return Materials(
-        lay=lay,
-        start=start,
-        texture=texture[like],
-        detail=detail[like],
-        detail_scale=draws.log_uniform(0.2, 1.0),
-        tone=(tone[like] * varied),
-        contrast=contrast[like],
-        detail_contrast=detail_contrast[like],
-        gloss=gloss[leaders],
-        sharpness=draws.log_uniform(6.0, 250.0)[leaders],
-        mirror=mirror[leaders],
-    )
-
-
-def _draw_light(draws: Draws, config: SceneConfig, space: _Space) -> Light:
-    """Where the lamp is, and how dark it is without it."""
-    side = max(config.image_size)
-    turn, slant = draws.angle(), draws.uniform(0.1, 1.2)
-    distance = draws.log_uniform(0.8 * side, 5.0 * side)
-    away = distance * jnp.tan(slant) * 0.6
-    front = space.relief * space.high + distance
-    lamp = jnp.stack([away * jnp.cos(turn), away * jnp.sin(turn), front])
-    # Rays along the light move by this much per unit of disparity; too far would leave the map.
-    reach = jnp.minimum(jnp.tan(slant) * space.relief, 28.0 / (space.high - space.low))
-    cast = reach * jnp.stack([jnp.sin(turn), jnp.cos(turn)])
-    return Light(
-        relief=space.relief,
-        lamp=lamp,
-        reach=distance * draws.uniform(0.7, 2.0),
-        strength=draws.sometimes(config.shading, draws.uniform(0.3, 0.9)),
-        cast=cast,
-        shadow=draws.sometimes(config.shadows, draws.uniform(0.4, 1.0)),
-        softness=draws.log_uniform(0.7, 8.0),
-        crease=draws.sometimes(config.creases, draws.uniform(0.2, 0.8)),
-        surroundings=jnp.zeros((), jnp.int32),
-        convergence=draws.uniform(0.0, 0.6),
-        swing=draws.log_uniform(0.5, 4.0),
-    )
-
-
 def _rotation(
     spin: Float[Array, " n"], tilt: Float[Array, " n"], turn: Float[Array, " n"]
 ) -> Float[Array, "n 3 3"]:
@@ -392,8 +294,3 @@ def _placed(rotation, size, relief, x, y, d):
     linear = linear.at[:, :, 2].multiply(relief[:, None])
     centre = jnp.stack([x, y, d], axis=-1)
     return linear, -jnp.sum(linear * centre[:, None, :], axis=-1)
-
-
-def _joined(*parts: Quadrics) -> Quadrics:
-    """Several lists of surfaces as one."""
-    return Quadrics(*(jnp.concatenate(values) for values in zip(*parts, strict=True)))

@@ -128,9 +128,9 @@ class SceneConfig:
     curved: float = 0.35
     contacts: float = 0.45
     clusters: float = 0.35
-    low_contrast: float = 0.2
+    low_contrast: float = 0.25
     textureless: float = 0.1
-    calm: float = 0.15
+    calm: float = 0.25
     similar: float = 0.2
     shading: float = 0.85
     shadows: float = 0.6

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from occjax.data.patches import Geometry, Hits, Quadrics, first_hits, pick, sample
+from occjax.data.patches import Geometry, Hits, first_hits, joined, pick, sample
 
 
 class Materials(NamedTuple):
@@ -197,12 +197,7 @@ def brightness(
 
 def _normals(geometry: Geometry, relief, px, py, d, offset, index):
     """Metric unit normals of the surfaces hit, towards the camera."""
-    table = Quadrics(
-        *(
-            jnp.concatenate(parts)
-            for parts in zip(geometry.walls, geometry.sheets, geometry.solids, strict=True)
-        )
-    )
+    table = joined(geometry.walls, geometry.sheets, geometry.solids)
 
     def of(values):
         return pick(values, index)

@@ -46,8 +46,8 @@ def first_hit(geometry, y, x, offset):
             if found:
                 hits.append((max(found), index))
     hits.sort(key=lambda hit: hit[0])
-    if len(hits) > 1 and hits[-1][0] - hits[-2][0] < 1e-3:
-        clear = False
+    near = {surface for d, surface in hits if hits[-1][0] - d < 1e-3}
+    clear = clear and len(near) == 1
     return (*hits[-1], clear)
 
 
@@ -60,8 +60,9 @@ def _candidates(part, origin, direction, low, high, kind):
     roots = np.roots(polynomial) if len(polynomial) > 1 else np.zeros(0)
     candidates = [root.real for root in roots if abs(root.imag) < 1e-12]
     if kind == "solids":
-        for sign in (-1.0, 1.0):
-            candidates.extend((sign * part["half"] - origin) / direction)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face never meets it
+            for sign in (-1.0, 1.0):
+                candidates.extend((sign * part["half"] - origin) / direction)
         candidates.extend([low, high])
     return candidates
 
