@@ -2,12 +2,14 @@
 
 from occjax.models.cascade import OccCasNet, variable_shapes
 from occjax.models.config import (
+    DerivativeFeatures,
     FeatureConfig,
     Hourglass,
     NetworkConfig,
     Planar,
     RefinementConfig,
     Residual,
+    SemiGlobalConfig,
     StageConfig,
 )
 from occjax.models.fetch import fetch_published_weights
@@ -17,6 +19,7 @@ from occjax.models.weights import load_weights, save_weights
 
 __all__ = [
     "PRESETS",
+    "DerivativeFeatures",
     "FeatureConfig",
     "Hourglass",
     "NetworkConfig",
@@ -24,6 +27,7 @@ __all__ = [
     "Planar",
     "RefinementConfig",
     "Residual",
+    "SemiGlobalConfig",
     "StageConfig",
     "StageOutput",
     "fetch_published_weights",

@@ -24,7 +24,6 @@ class FeatureConfig:
         pooled_width: Channels of each branch of the pyramid.
         fused: Channels of the convolution over the concatenated branches.
         channels: Channels of the feature map that goes into the volume.
-        stride: 1, or 2 for features of half the resolution, one for each 2x2 pixels.
     """
 
     stem: int = 4
@@ -35,17 +34,46 @@ class FeatureConfig:
     pooled_width: int = 4
     fused: int = 16
     channels: int = 4
-    stride: int = 1
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
-        if not len(self.widths) == len(self.blocks) == len(self.dilations) != 1:
+        if not len(self.widths) == len(self.blocks) == len(self.dilations) >= 2:
             raise ValueError(
-                "widths, blocks and dilations must be given for the same two or more groups, or "
-                f"none, not for {len(self.widths)}, {len(self.blocks)} and {len(self.dilations)}"
+                "widths, blocks and dilations must be given for the same two or more groups, not "
+                f"for {len(self.widths)}, {len(self.blocks)} and {len(self.dilations)}"
             )
-        if self.stride not in (1, 2):
-            raise ValueError(f"stride is 1 or 2, not {self.stride}")
+
+
+@dataclass(frozen=True)
+class DerivativeFeatures:
+    """Features that are not learned: grey and its two derivatives, at half the resolution.
+
+    Attributes:
+        grey_truncation: Grey difference between views that counts as "something else".
+        derivative_truncation: The same of a derivative, per pixel of half the resolution.
+    """
+
+    grey_truncation: float = 0.02
+    derivative_truncation: float = 0.006
+
+
+@dataclass(frozen=True)
+class SemiGlobalConfig:
+    """Semi-global aggregation, from which the learned one starts.
+
+    Attributes:
+        smoothness: Cost of a disparity that changes by one pixel per view step from pixel to pixel.
+        jump: Greatest cost of a depth edge, where the image has none.
+        edge: Grey difference between neighbouring pixels over which a depth edge becomes cheaper by
+            a factor e.
+        temperature: Difference of cost over which a candidate becomes less probable by a factor e,
+            before training.
+    """
+
+    smoothness: float = 0.6
+    jump: float = 2.0
+    edge: float = 0.03
+    temperature: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -103,16 +131,14 @@ AggregationConfig = Residual | Hourglass | Planar
 
 @dataclass(frozen=True)
 class RefinementConfig:
-    """The last refinement: each sector of the aperture proposes a step, the network decides.
+    """The last refinement: sectors and fitted planes propose a disparity, the network decides.
 
     Attributes:
         width: Channels of the convolutions.
-        tolerance: Grey difference at which a view counts half.
-        largest_step: Bound of the step, pixels per view step.
+        largest_step: Bound of a step, pixels per view step.
     """
 
     width: int = 32
-    tolerance: float = 0.03
     largest_step: float = 0.2
 
 
@@ -125,12 +151,13 @@ class StageConfig:
             pixels per view step.
         volume: ``"concatenate"`` the features of all views (eqs. 2, 3 and 8), or costs in eight
             ``"sectors"`` of the aperture (:mod:`occjax.ops.sectors`), for any arrangement of views.
-            A first volume of sectors compares features, a refined one grey views.
         aggregation: From the volume to a score for each candidate.
         occlusion: Disparity from which occlusion weights are made: none (no weights), that of the
             stage before (``"coarse"``), or the ground truth (the paper's upper bound).
         attention: Weight each view by channel attention.
-        tolerance: Grey difference at which a view of a refined volume of sectors counts half.
+        semi_global: What a first volume of sectors is aggregated by before the convolutions.
+        plane_steps: Gauss-Newton steps, with planes fitted to each, before a refined volume of
+            sectors.
         window: Candidates on each side of the likeliest one over which disparity is averaged, so
             that two surfaces are not; all by default (eq. 10).
     """
@@ -140,7 +167,8 @@ class StageConfig:
     aggregation: AggregationConfig = Residual()
     occlusion: OcclusionSource = "none"
     attention: bool = True
-    tolerance: float = 0.05
+    semi_global: SemiGlobalConfig | None = None
+    plane_steps: int = 0
     window: int | None = None
 
     def __post_init__(self) -> None:
@@ -166,7 +194,7 @@ class NetworkConfig:
     Attributes:
         stages: The stages in order; the first samples the whole disparity range.
         views: ``(V, U)`` size of the grid of views; None for any arrangement of views.
-        features: The feature network.
+        features: The feature network, or what volumes of sectors compare.
         attention_width: Hidden units of each stage's channel attention.
         shared_aggregation: All stages share one attention and one aggregation (the paper's
             ``Cas_2-share``, whose parameter count is that of a single stage).
@@ -182,7 +210,7 @@ class NetworkConfig:
 
     stages: tuple[StageConfig, ...]
     views: tuple[int, int] | None = (9, 9)
-    features: FeatureConfig = FeatureConfig()
+    features: FeatureConfig | DerivativeFeatures = FeatureConfig()
     attention_width: int = 120
     shared_aggregation: bool = False
     warp: Warp = "correct"
@@ -210,14 +238,18 @@ class NetworkConfig:
         kinds = [type(stage.aggregation) for stage in self.stages]
         if kinds != [Hourglass] + [Planar] * (len(kinds) - 1):
             raise ValueError("the first volume of sectors needs Hourglass, the others Planar")
-        if self.features.stride != 2:
-            raise ValueError("volumes of sectors need features of stride 2")
+        if not isinstance(self.features, DerivativeFeatures):
+            raise ValueError("volumes of sectors compare DerivativeFeatures")
+        if [stage.semi_global is None for stage in self.stages] != [False] + [True] * (
+            len(kinds) - 1
+        ):
+            raise ValueError("semi-global aggregation is that of the first volume of sectors")
         if self.shared_aggregation or self.warp != "correct":
             raise ValueError("volumes of sectors have no shared aggregation and no transposed warp")
 
     def _check_grid(self, v: int, u: int) -> None:
-        if self.refinement is not None or self.features.stride != 1:
-            raise ValueError("refinement and strided features need volumes of sectors")
+        if self.refinement is not None or isinstance(self.features, DerivativeFeatures):
+            raise ValueError("refinement and DerivativeFeatures need volumes of sectors")
         if any(stage.attention for stage in self.stages) and (v != u or v % 2 == 0):
             raise ValueError(
                 f"channel attention mirrors an octant of a square grid of odd size, not {v}x{u}; "

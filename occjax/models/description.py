@@ -7,24 +7,28 @@ import json
 from typing import Any
 
 from occjax.models.config import (
+    DerivativeFeatures,
     FeatureConfig,
     Hourglass,
     NetworkConfig,
     Planar,
     RefinementConfig,
     Residual,
+    SemiGlobalConfig,
     StageConfig,
 )
 
 _KINDS = {
     kind.__name__: kind
     for kind in (
+        DerivativeFeatures,
         FeatureConfig,
         Hourglass,
         NetworkConfig,
         Planar,
         RefinementConfig,
         Residual,
+        SemiGlobalConfig,
         StageConfig,
     )
 }

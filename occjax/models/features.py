@@ -8,7 +8,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from occjax.models.config import FeatureConfig
-from occjax.models.layers import HalvingConvNorm, convolve, normalise
+from occjax.models.layers import convolve, normalise
 
 
 class ResidualBlock(nn.Module):
@@ -48,7 +48,7 @@ class ResidualBlock(nn.Module):
 
 
 class FeatureNetwork(nn.Module):
-    """Grey images to feature maps of the same or of half the size.
+    """Grey images to feature maps of the same size.
 
     Attributes:
         config: Widths and depths.
@@ -59,7 +59,7 @@ class FeatureNetwork(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, images: Float[Array, "n h w 1"], *, train: bool) -> Float[Array, "n i j c"]:
+    def __call__(self, images: Float[Array, "n h w 1"], *, train: bool) -> Float[Array, "n h w c"]:
         """Features of n images.
 
         Args:
@@ -67,21 +67,17 @@ class FeatureNetwork(nn.Module):
             train: Normalise by the statistics of these n images (and of the batch).
 
         Returns:
-            ``[n, h, w, channels]``, or ``[n, h / 2, w / 2, channels]`` for a stride of 2.
+            ``[n, h, w, channels]``.
         """
         config = self.config
+        h, w = images.shape[1:3]
 
         def conv_norm_relu(x, channels, size, name):
             x = convolve(channels, (size, size), dtype=self.dtype, name=name)(x)
             return nn.relu(normalise(train=train, dtype=self.dtype, name=f"{name}_norm")(x))
 
-        x = images.astype(self.dtype)
-        if config.stride == 2:
-            x = HalvingConvNorm(config.stem, dtype=self.dtype, name="stem_0")(x, train=train)
-        else:
-            x = conv_norm_relu(x, config.stem, 3, "stem_0")
+        x = conv_norm_relu(images.astype(self.dtype), config.stem, 3, "stem_0")
         x = conv_norm_relu(x, config.stem, 3, "stem_1")
-        h, w = x.shape[1:3]
         groups = []
         for group, (width, blocks, dilation) in enumerate(
             zip(config.widths, config.blocks, config.dilations, strict=True)
@@ -105,8 +101,7 @@ class FeatureNetwork(nn.Module):
             )
             branch = conv_norm_relu(branch, config.pooled_width, 1, f"pooled_{size}")
             pyramid.append(upsample(branch, h, w))
-        levels = [groups[1], groups[-1]] if groups else [x]
-        x = jnp.concatenate([*levels, *reversed(pyramid)], axis=-1)
+        x = jnp.concatenate([groups[1], groups[-1], *reversed(pyramid)], axis=-1)
         x = conv_norm_relu(x, config.fused, 3, "fused")
         return convolve(config.channels, (1, 1), dtype=self.dtype, name="output")(x)
 

@@ -39,17 +39,19 @@ class VolumeConv(nn.Module):
     Attributes:
         channels: Number of output channels.
         dtype: Type of the computation; parameters stay float32.
+        kernel_init: First value of the kernel.
     """
 
     channels: int
     dtype: DTypeLike = jnp.float32
+    kernel_init: nn.initializers.Initializer = nn.initializers.lecun_normal()
 
     @nn.compact
     def __call__(self, volume: Float[Array, "d h w c"]) -> Float[Array, "d h w k"]:
         """Convolve."""
         kernel = self.param(
             "kernel",
-            nn.initializers.lecun_normal(),
+            self.kernel_init,
             (3, 3, 3, volume.shape[-1], self.channels),
             jnp.float32,
         )

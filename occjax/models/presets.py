@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from occjax.errors import InputError
 from occjax.models.config import (
+    DerivativeFeatures,
     FeatureConfig,
     Hourglass,
     NetworkConfig,
@@ -16,6 +17,7 @@ from occjax.models.config import (
     Planar,
     RefinementConfig,
     Residual,
+    SemiGlobalConfig,
     StageConfig,
 )
 
@@ -59,15 +61,14 @@ def _around(interval: float) -> tuple[float, ...]:
     return sampled(-4 * interval, 4 * interval, interval)
 
 
-def _light(
-    stem: int, hourglass: tuple[int, ...], planar: tuple[int, ...], convolutions: int
-) -> NetworkConfig:
+def _light(hourglass: tuple[int, ...], planar: tuple[int, ...], convolutions: int) -> NetworkConfig:
     """Volumes of sectors for any arrangement of views, in one size."""
     coarse = StageConfig(
         sampled(-4.0, 4.0, 1 / 2),
         volume="sectors",
         aggregation=Hourglass(hourglass, convolutions),
         attention=False,
+        semi_global=SemiGlobalConfig(),
         window=2,
     )
     refined = StageConfig(
@@ -76,14 +77,12 @@ def _light(
         aggregation=Planar(planar, convolutions),
         occlusion="coarse",
         attention=False,
-    )
-    features = FeatureConfig(
-        stem=stem, widths=(), blocks=(), dilations=(), pooled=(), fused=stem // 2, stride=2
+        plane_steps=2,
     )
     return NetworkConfig(
         (coarse, refined),
         views=None,
-        features=features,
+        features=DerivativeFeatures(),
         refinement=RefinementConfig(width=planar[0]),
     )
 
@@ -114,9 +113,9 @@ PRESETS: Mapping[str, NetworkConfig] = MappingProxyType(
         "lfattnet": NetworkConfig((StageConfig(_COARSE_9, aggregation=_WIDE),)),
         "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), aggregation=_WIDE),)),
         # For any arrangement of views, without a GPU; in three sizes.
-        "light_small": _light(8, (8, 16, 24, 32), (16, 24, 32, 32), 1),
-        "light": _light(16, (16, 24, 32, 48), (24, 32, 48, 48), 2),
-        "light_large": _light(16, (24, 48, 64, 96), (48, 64, 96, 96), 2),
+        "light_small": _light((8, 16, 24, 32), (16, 24, 32, 32), 1),
+        "light": _light((16, 24, 32, 48), (24, 32, 48, 48), 2),
+        "light_large": _light((24, 48, 64, 96), (48, 64, 96, 96), 2),
         # Same structure as the final model, small enough for tests.
         "tiny": NetworkConfig(
             (

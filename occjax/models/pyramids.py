@@ -59,7 +59,9 @@ class HourglassAggregation(nn.Module):
         for level in reversed(range(len(widths) - 1)):
             below = convolve(widths[level], (1, 1), dtype=self.dtype, name=f"widen_{level}")(x)
             x = block(levels[level] + double(below), level, f"up_{level}")
-        return VolumeConv(1, dtype=self.dtype, name="score")(x)[..., 0].astype(jnp.float32)
+        # Zero at first: the scores added to these are where training starts from.
+        score = VolumeConv(1, self.dtype, nn.initializers.zeros, name="score")
+        return score(x)[..., 0].astype(jnp.float32)
 
 
 class PlanarAggregation(nn.Module):

@@ -1,4 +1,4 @@
-"""The last step: sub-pixel disparity from the Gauss-Newton steps of the aperture's sectors."""
+"""The last step: sub-pixel disparity, chosen from what sectors and fitted planes propose."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ LEAST_INFORMATION = 1e-6
 
 
 class SectorRefinement(nn.Module):
-    """Choose among the steps that the sectors propose, and smooth what is uncertain.
+    """A mean of the proposals with learned weights.
 
     The network weighs the sectors (an occluded one counts nothing) and decides how far to trust
-    the step at all, ``sum w_s push_s / (sum w_s information_s + lambda)``; then each pixel becomes
-    a mean of its 3x3 neighbours with learned weights, plus a small learned correction.
+    their step at all, ``sum w_s push_s / (sum w_s information_s + lambda)``; then how much to take
+    of the disparity as it is, of each kind's step and of the planes; then each pixel becomes a mean
+    of its 3x3 neighbours, plus a small correction. Before training all proposals count alike.
 
     Attributes:
         config: Its settings.
@@ -36,7 +37,8 @@ class SectorRefinement(nn.Module):
     def __call__(
         self,
         disparity: Float[Array, "h w"],
-        steps: SectorSteps,
+        steps: list[SectorSteps],
+        planes: Float[Array, "h w"],
         features: Float[Array, "1 h w c"],
         *,
         train: bool,
@@ -45,40 +47,57 @@ class SectorRefinement(nn.Module):
 
         Args:
             disparity: ``[h, w]``, right to a fraction of a pixel.
-            steps: Of all sectors at that disparity.
+            steps: Of all sectors, for each kind of image that views are compared by.
+            planes: ``[h, w]`` disparity of planes fitted to those steps.
             features: ``[1, h, w, c]`` of the stage before.
             train: Normalise by batch statistics.
 
         Returns:
             ``[h, w]``.
         """
-        largest = self.config.largest_step
+        moves = self._bounded(planes - disparity)[None]
+        known = jnp.concatenate([moves, *map(self._known, steps)])
+        x = jnp.concatenate([jnp.moveaxis(known, 0, -1)[None].astype(self.dtype), features], -1)
+        x = ConvNorm(self.config.width, dtype=self.dtype, name="hidden_0")(x, train=train)
+        x = ConvNorm(self.config.width, dtype=self.dtype, name="hidden_1")(x, train=train)
 
-        def step(push, information):
-            return jnp.clip(push / (information + LEAST_INFORMATION), -largest, largest)
+        def decide(count, name):
+            layer = nn.Conv(
+                count, (3, 3), kernel_init=nn.initializers.zeros, dtype=self.dtype, name=name
+            )
+            return jnp.moveaxis(layer(x)[0].astype(jnp.float32), -1, 0)
 
-        # Brought to values of about one: steps by their bound, sums by their logarithm.
-        known = jnp.concatenate(
+        options = [disparity, planes]
+        for index, kind in enumerate(steps):
+            trust = decide(SECTORS + 1, f"trust_{index}")
+            options.append(disparity + self._step(trust, kind))
+        shares = jax.nn.softmax(decide(len(options), "choice"), axis=0)
+        chosen = (shares * jnp.stack(options)).sum(0)
+        # Begins near the pixel itself: smoothing is learned where it helps.
+        itself = jnp.where(jnp.arange(9) == 4, 3.0, 0.0)[:, None, None]
+        smoothing = jax.nn.softmax(decide(9, "smoothing") + itself, axis=0)
+        return (smoothing * neighbours(chosen)).sum(0) + 0.1 * decide(1, "correction")[0]
+
+    def _bounded(self, step: Float[Array, "*n h w"]) -> Float[Array, "*n h w"]:
+        return jnp.clip(step / self.config.largest_step, -1.0, 1.0)
+
+    def _known(self, steps: SectorSteps) -> Float[Array, "k h w"]:
+        """Steps as values of about one: themselves by their bound, sums by their logarithm."""
+        every = steps.push.sum(0) / (steps.information.sum(0) + LEAST_INFORMATION)
+        return jnp.concatenate(
             [
-                step(steps.push, steps.information) / largest,
-                step(steps.push.sum(0), steps.information.sum(0))[None] / largest,
+                self._bounded(steps.push / (steps.information + LEAST_INFORMATION)),
+                self._bounded(every)[None],
                 0.3 * jnp.log(steps.information + LEAST_INFORMATION),
                 0.3 * jnp.log(steps.squares + 1e-7),
             ]
         )
-        x = jnp.concatenate([jnp.moveaxis(known, 0, -1)[None].astype(self.dtype), features], -1)
-        x = ConvNorm(self.config.width, dtype=self.dtype, name="hidden_0")(x, train=train)
-        x = ConvNorm(self.config.width, dtype=self.dtype, name="hidden_1")(x, train=train)
-        decided = nn.Conv(SECTORS + 1 + 9 + 1, (3, 3), dtype=self.dtype, name="decide")(x)[0]
-        decided = jnp.moveaxis(decided.astype(jnp.float32), -1, 0)
-        trust, doubt, around, correction = jnp.split(decided, [SECTORS, SECTORS + 1, SECTORS + 10])
 
-        weights = nn.sigmoid(trust)
+    def _step(self, trust, steps: SectorSteps) -> Float[Array, "h w"]:
+        """The step to the minimum of the sectors' weighted sum, damped."""
+        weights = nn.sigmoid(trust[:SECTORS])
         # Never nothing: where nothing is known, a quotient of zeros has no gradient.
-        doubted = jnp.exp(doubt[0] - 9.0) + 0.1 * LEAST_INFORMATION
-        information = (weights * steps.information).sum(0) + doubted
-        moved = disparity + jnp.clip((weights * steps.push).sum(0) / information, -largest, largest)
-        # Begins near the pixel itself: smoothing is learned where it helps.
-        itself = jnp.where(jnp.arange(9) == 4, 3.0, 0.0)[:, None, None]
-        smoothing = jax.nn.softmax(around + itself, axis=0)
-        return (smoothing * neighbours(moved)).sum(0) + 0.1 * correction[0]
+        damping = jnp.exp(trust[SECTORS] - 9.0) + 0.1 * LEAST_INFORMATION
+        information = (weights * steps.information).sum(0) + damping
+        step = (weights * steps.push).sum(0) / information
+        return jnp.clip(step, -self.config.largest_step, self.config.largest_step)

@@ -1,6 +1,14 @@
-"""The cascade over volumes of sectors: any arrangement of views, any range of disparities."""
+"""The cascade over volumes of sectors: any arrangement of views, any range of disparities.
+
+It stands on what needs no learning: truncated costs aggregated semi-globally, and planes through
+Gauss-Newton steps. Convolutions are trained to correct them, so that an untrained network already
+is a usable estimator, and training is spent on what those cannot do: edges, occlusions, large
+surfaces without texture.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import flax.linen as nn
 import jax
@@ -8,17 +16,23 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.models.config import NetworkConfig, Planar, StageConfig
-from occjax.models.features import FeatureNetwork
+from occjax.models.config import (
+    DerivativeFeatures,
+    NetworkConfig,
+    SemiGlobalConfig,
+    StageConfig,
+)
 from occjax.models.guide import Guide
 from occjax.models.pyramids import HourglassAggregation, PlanarAggregation
-from occjax.models.refinement import SectorRefinement
+from occjax.models.refinement import LEAST_INFORMATION, SectorRefinement
 from occjax.models.stages import StageOutput, stage_output
 from occjax.models.upsampling import ConvexUpsampling
-from occjax.ops.filtering import central_differences
+from occjax.ops.filtering import box_filter, central_differences, fit_planes
+from occjax.ops.matching import semi_global
 from occjax.ops.sectors import (
     SECTORS,
     SectorCosts,
+    SectorSteps,
     coarse_sector_costs,
     refined_sector_costs,
     sector_channels,
@@ -26,14 +40,35 @@ from occjax.ops.sectors import (
     sector_steps,
 )
 
-FEATURE_FLOOR = 1e-4
-GREY_FLOOR = 1e-5
-"""Squared differences below which costs are no longer told apart: of features, and of grey views
-(a difference of 0.3 %)."""
+LARGEST_STEP = 0.2
+"""Bound of a Gauss-Newton step, pixels per view step."""
+
+PLANE_RADIUS = 12.0
+"""Reach of the fitted planes in the absence of edges, pixels."""
+
+GUIDE_EDGE = 0.03
+"""Grey difference that bounds a plane, as far as its radius does."""
+
+DISPARITY_EDGE = 0.15
+"""Difference of disparity that bounds a plane likewise."""
+
+
+class _Image(NamedTuple):
+    """A kind of image that views are compared by.
+
+    Attributes:
+        views: ``[v, u, h, w]``.
+        tolerance: Difference at which a view counts half.
+        floor: Squared difference below which costs are no longer told apart.
+    """
+
+    views: Float[Array, "v u h w"]
+    tolerance: float
+    floor: float
 
 
 class SectorCascade(nn.Module):
-    """Coarse volume of features at half resolution, refined volumes of grey views, last steps.
+    """Coarse volume at half resolution, refined volumes at the full one, last steps.
 
     Every stage starts from the disparity before it, without a gradient: the stages are trained side
     by side.
@@ -76,69 +111,121 @@ class SectorCascade(nn.Module):
             candidates = candidates * scale
         height, width = views.shape[2:]
         views = _padded(views, self.config.multiple)
-        first, *others = self.config.stages
+        # Grey values resist noise; what is left without their surroundings resists highlights.
+        images = [_Image(views, 0.03, 1e-5), _Image(views - box_filter(views, 1), 0.01, 1e-6)]
+        centre = views[views.shape[0] // 2, views.shape[1] // 2]
 
-        output, guide = self._coarse(first, views, offsets, candidates, train)
+        first, *others = self.config.stages
+        output, guide = self._coarse(first, views, centre, offsets, candidates, train)
         outputs, features = [output], None
         for index, stage in enumerate(others, start=1):
+            before = jax.lax.stop_gradient(outputs[-1].disparity)
+            for _ in range(stage.plane_steps):
+                before = _planes(_steps(images, before, offsets), images, before, centre)
             output, features = self._refined(
-                index, stage, views, offsets, outputs[-1].disparity, guide, train
+                index, stage, images, centre, offsets, before, guide, train
             )
             outputs.append(output)
         if self.config.refinement is not None:
-            outputs.append(self._steps(views, offsets, outputs[-1].disparity, features, train))
+            before = jax.lax.stop_gradient(outputs[-1].disparity)
+            steps = _steps(images, before, offsets)
+            planes = _planes(steps, images, before, centre)
+            refine = SectorRefinement(self.config.refinement, dtype=self.dtype, name="refinement")
+            disparity = refine(before, steps, planes, features, train=train)
+            outputs.append(StageOutput(disparity, None, None))
         return tuple(_unscaled(output, scale, height, width) for output in outputs)
 
-    def _coarse(self, stage: StageConfig, views, offsets, candidates, train):
-        v, u, h, w = views.shape
-        network = FeatureNetwork(self.config.features, dtype=self.dtype, name="features")
-        features = network(views.reshape(v * u, h, w, 1), train=train)
-        features = features.reshape(v, u, *features.shape[1:]).astype(jnp.float32)
-        costs = coarse_sector_costs(features, candidates / 2, offsets=offsets)
-        relative, level = _relative(sector_channels(costs), FEATURE_FLOOR)
-        centre = views[v // 2, u // 2]
+    def _coarse(self, stage: StageConfig, views, centre, offsets, candidates, train):
+        features = _halved(views)
+        costs = _truncated_costs(features, candidates / 2, offsets, self.config.features)
+        channels = sector_channels(costs)
+        relative, level = _relative(channels, 0.02)
+        smooth = _semi_globally(channels[-1], candidates, _halved(centre), stage.semi_global)
+        smooth = smooth - smooth.min(0, keepdims=True)
+        volume = jnp.concatenate([relative, jnp.minimum(smooth, 2.0)[None]])
         guide = Guide(stage.aggregation.widths, dtype=self.dtype, name="guide")(
             centre, jnp.moveaxis(level, 0, -1), train=train
         )
         aggregate = HourglassAggregation(stage.aggregation, dtype=self.dtype, name="stage_0")
-        scores = aggregate(jnp.moveaxis(relative, 0, -1), guide, train=train)
-        output = stage_output(scores, candidates, window=stage.window)
+        learned = aggregate(jnp.moveaxis(volume, 0, -1), guide, train=train)
+        start = nn.initializers.constant(-jnp.log(stage.semi_global.temperature))
+        sharpness = jnp.exp(self.param("semi_global_sharpness", start, ()))
+        output = stage_output(learned - sharpness * smooth, candidates, window=stage.window)
         squares = jnp.square(candidates[:, None, None] - output.disparity[None])
         deviation = jnp.sqrt((output.probabilities * squares).sum(0) + 1e-6)
         upsample = ConvexUpsampling(dtype=self.dtype, name="upsampling")
         fine = upsample(output.disparity, deviation, guide[0], train=train)
         return output._replace(disparity=fine), guide
 
-    def _refined(self, index, stage: StageConfig, views, offsets, before, guide, train):
-        before = jax.lax.stop_gradient(before)
+    def _refined(self, index, stage: StageConfig, images, centre, offsets, before, guide, train):
         residuals = jnp.asarray(stage.candidates, jnp.float32)
-        costs = refined_sector_costs(
-            views, before, residuals, tolerance=stage.tolerance, offsets=offsets
-        )
-        relative, level = _relative(sector_channels(costs), GREY_FLOOR)
-        centre = views[views.shape[0] // 2, views.shape[1] // 2]
-        known = [
-            relative.reshape(-1, *before.shape),
-            level,
-            _seen(costs, offsets),
-            (centre - 0.5)[None],
-            jnp.stack(central_differences(before)),
-        ]
-        image = jnp.moveaxis(jnp.concatenate(known), 0, -1)
-        assert isinstance(stage.aggregation, Planar)
+        known = [(centre - 0.5)[None], jnp.stack(central_differences(before))]
+        for image in images:
+            costs = refined_sector_costs(
+                image.views, before, residuals, tolerance=image.tolerance, offsets=offsets
+            )
+            relative, level = _relative(sector_channels(costs), image.floor)
+            known += [relative.reshape(-1, *before.shape), level, _seen(costs, offsets)]
+        volume = jnp.moveaxis(jnp.concatenate(known), 0, -1)
         aggregate = PlanarAggregation(stage.aggregation, dtype=self.dtype, name=f"stage_{index}")
-        features = aggregate(image, guide, train=train)
-        score = nn.Conv(len(residuals), (3, 3), dtype=self.dtype, name=f"stage_{index}_score")
+        features = aggregate(volume, guide, train=train)
+        score = nn.Conv(
+            len(residuals),
+            (3, 3),
+            dtype=self.dtype,
+            kernel_init=nn.initializers.zeros,
+            name=f"stage_{index}_score",
+        )
         scores = jnp.moveaxis(score(features)[0].astype(jnp.float32), -1, 0)
         return stage_output(scores, residuals, before, window=stage.window), features
 
-    def _steps(self, views, offsets, before, features, train) -> StageOutput:
-        before = jax.lax.stop_gradient(before)
-        config = self.config.refinement
-        steps = sector_steps(views, before, tolerance=config.tolerance, offsets=offsets)
-        refine = SectorRefinement(config, dtype=self.dtype, name="refinement")
-        disparity = refine(before, steps, features, train=train)
-        return StageOutput(disparity, None, None, None, None)
+
+def _halved(images: Float[Array, "*n h w"]) -> Float[Array, "*n i j"]:
+    """Mean of each 2x2 pixels."""
+    rows = images[..., ::2, :] + images[..., 1::2, :]
+    return (rows[..., ::2] + rows[..., 1::2]) / 4
+
+
+def _truncated_costs(views, candidates, offsets, config: DerivativeFeatures) -> SectorCosts:
+    """Of grey and its derivatives, which do not see vignetting and the broad part of highlights."""
+    features = jnp.stack([views, *central_differences(views)], axis=-1)
+    truncation = [config.grey_truncation, config.derivative_truncation]
+    truncation = jnp.array([truncation[0], truncation[1], truncation[1]])
+    return coarse_sector_costs(features, candidates, truncation=truncation, offsets=offsets)
+
+
+def _semi_globally(costs, candidates, guide, config: SemiGlobalConfig) -> Float[Array, "d h w"]:
+    spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
+    return semi_global(
+        costs,
+        guide,
+        small_penalty=config.smoothness * spacing,
+        large_penalty=config.jump,
+        guide_scale=config.edge,
+    )
+
+
+def _steps(images: list[_Image], before, offsets) -> list[SectorSteps]:
+    """Steps of all sectors, by each kind of image."""
+    return [
+        sector_steps(image.views, before, tolerance=image.tolerance, offsets=offsets)
+        for image in images
+    ]
+
+
+def _planes(steps: list[SectorSteps], images: list[_Image], before, centre):
+    """Planes through the common step of all sectors and kinds, weighted by what they know.
+
+    Kinds of image count by the inverse variance of their differences.
+    """
+    weights = [(images[0].tolerance / image.tolerance) ** 2 for image in images]
+    pairs = list(zip(weights, steps, strict=True))
+    information = sum(weight * kind.information.sum(0) for weight, kind in pairs)
+    push = sum(weight * kind.push.sum(0) for weight, kind in pairs)
+    step = jnp.clip(push / (information + LEAST_INFORMATION), -LARGEST_STEP, LARGEST_STEP)
+    edges = jnp.stack([box_filter(centre, 1) / GUIDE_EDGE, before / DISPARITY_EDGE])
+    information = information + 0.01 * LEAST_INFORMATION
+    return fit_planes(before + step, information, edges, radius=PLANE_RADIUS)
 
 
 def _relative(channels: Float[Array, "k d h w"], floor: float):
@@ -171,6 +258,4 @@ def _unscaled(output: StageOutput, scale, height: int, width: int) -> StageOutpu
         stride = output.disparity.shape[0] // probabilities.shape[1]
         probabilities = probabilities[:, : -(-height // stride), : -(-width // stride)]
         candidates = candidates / scale
-    return StageOutput(
-        output.disparity[:height, :width] / scale, probabilities, candidates, None, None
-    )
+    return StageOutput(output.disparity[:height, :width] / scale, probabilities, candidates)

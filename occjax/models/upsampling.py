@@ -5,10 +5,21 @@ from __future__ import annotations
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from occjax.models.layers import ConvNorm
+
+
+def _bilinear_weights() -> np.ndarray:
+    """``[9, 2, 2]`` weights of the 3x3 coarse pixels for the 2x2 fine ones in the middle one."""
+    along = np.array([[0.25, 0.0], [0.75, 0.75], [0.0, 0.25]], np.float32) + 1e-3
+    return np.einsum("ai,bj->abij", along, along).reshape(9, 2, 2)
+
+
+_BILINEAR = _bilinear_weights()
+"""What learned weights multiply, so that a network begins with bilinear interpolation."""
 
 
 class ConvexUpsampling(nn.Module):
@@ -50,7 +61,8 @@ class ConvexUpsampling(nn.Module):
         x = jnp.concatenate([guide, jax.lax.stop_gradient(known).astype(self.dtype)], axis=-1)
         x = ConvNorm(self.width, dtype=self.dtype, name="hidden")(x, train=train)
         weights = nn.Conv(9 * 4, (1, 1), dtype=self.dtype, name="weights")(x)[0]
-        weights = jax.nn.softmax(weights.astype(jnp.float32).reshape(h, w, 9, 2, 2), axis=2)
+        weights = weights.astype(jnp.float32).reshape(h, w, 9, 2, 2) + jnp.log(_BILINEAR)[None, None]
+        weights = jax.nn.softmax(weights, axis=2)
         fine = jnp.einsum("hwnij,nhw->hiwj", weights, neighbours(disparity))
         return fine.reshape(2 * h, 2 * w)
 

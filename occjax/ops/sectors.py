@@ -89,16 +89,21 @@ def coarse_sector_costs(
     features: Float[Array, "v u h w c"],
     candidates: Float[Array, " d"],
     *,
+    truncation: Float[Array, " c"] | None = None,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> SectorCosts:
-    """Squared differences of the views shifted by each candidate, summed in each sector.
+    """Differences of the views shifted by each candidate, summed in each sector.
 
-    ``sums[s, d] = sum_(k in s) m_k sum_c (f_kc(p - d * offset_k) - f_0c(p))^2`` and ``weights[s, d]
-    = sum m_k``, where ``m_k`` is 1 where the view was read inside its image, else 0.
+    ``sums[s, d] = sum_(k in s) m_k e_k`` and ``weights[s, d] = sum m_k``, where ``m_k`` is 1 where
+    the view was read inside its image, else 0. With ``difference_c = f_kc(p - d * offset_k) -
+    f_0c(p)`` the cost of a view is ``e_k = sum_c difference_c^2``, or, truncated,
+    ``mean_c min(|difference_c| / truncation_c, 1)``.
 
     Args:
         features: ``[v, u, h, w, c]`` features of the views.
         candidates: ``[d]`` disparity candidates, in pixels of the features per view step.
+        truncation: ``[c]`` difference of each feature that counts as "something else"; None for
+            squared differences.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -120,6 +125,11 @@ def coarse_sector_costs(
     views = _views_around(features.shape[:2], offsets)
     centre = components[views.centre]
 
+    def cost(difference, channel):
+        if truncation is None:
+            return jnp.square(difference)
+        return jnp.minimum(jnp.abs(difference) / truncation[channel], 1.0) / c
+
     @jax.checkpoint
     def add_view(costs: SectorCosts, view):
         (_, sector, offset, present), components = view
@@ -127,7 +137,7 @@ def coarse_sector_costs(
         difference = jnp.zeros((len(candidates), h, w), features.dtype)
         for channel in range(c):
             shifted = _shifted(components[channel], displacements)
-            difference = difference + jnp.square(shifted - centre[channel][None])
+            difference = difference + cost(shifted - centre[channel][None], channel)
         seen = (present * _inside(displacements, h, w)).astype(features.dtype)
         return SectorCosts(
             costs.sums.at[sector].add(seen * difference), costs.weights.at[sector].add(seen)
