@@ -82,7 +82,7 @@ def published() -> Recipe:
 
 
 def tiny() -> Recipe:
-    """A network of 3x3 views that learns within minutes on a CPU, to try things on.
+    """A network of 3x3 views on small scenes, to try things on with a CPU.
 
     Command: ``occjax train runs/tiny --recipe tiny``.
     """

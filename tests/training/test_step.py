@@ -1,13 +1,15 @@
 """The step: gradients over the batch, the running mean, several devices, bfloat16."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.training import init_state, train_step
+from occjax.data.samples import Sample
+from occjax.training import init_state, recipe, train_step
 from occjax.training.losses import cascade_loss
 from occjax.training.step import apply_to_batch, shardings, state_of
 from tests.reference.variables import random_variables
@@ -175,3 +177,26 @@ def test_first_weights_are_a_function_of_the_seed(six_steps, source):
     )
     assert distance(one, same) == 0.0
     assert distance(one, other) > 0.1
+
+
+def test_every_output_of_the_light_network_is_supervised():
+    """Traced, not computed: two stages with candidates, and a last refinement without."""
+    config = recipe("light").train
+
+    def like(*shape, dtype=jnp.float32):
+        return jax.ShapeDtypeStruct(shape, dtype)
+
+    batch = Sample(
+        views=like(2, 1, 33, 64, 64),
+        offsets=like(2, 1, 33, 2),
+        disparity=like(2, 64, 64),
+        visibility=like(2, 1, 33, 64, 64, dtype=bool),
+        valid=like(2, 64, 64, dtype=bool),
+    )
+    state = jax.eval_shape(partial(init_state, config), batch)
+    after, report = jax.eval_shape(partial(train_step, config=config), state, batch)
+    assert jax.tree.map(lambda leaf: leaf.shape, after) == jax.tree.map(
+        lambda leaf: leaf.shape, state
+    )
+    errors = {f"disparity_{index}" for index in range(3)} | {"distribution_0", "distribution_1"}
+    assert set(report) == errors | {"loss", "badpix", "gradient_norm"}
