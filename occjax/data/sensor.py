@@ -32,7 +32,7 @@ def expose(
     """
     number_key, noise_key = jax.random.split(key)
     draws = Draws(number_key)
-    views = views * (draws.log_uniform(0.12, 0.6) / (jnp.mean(views) + 1e-3))
+    views = views * (draws.log_uniform(0.15, 0.6) / (jnp.mean(views) + 1e-3))
 
     views = views * _vignetting(draws, views.shape, offsets, draws.chance(defects.vignetting))
     side = draws.sometimes(defects.blur, draws.uniform(0.03, 0.25))
