@@ -241,4 +241,10 @@ def variable_shapes(config: NetworkConfig) -> dict:
         ``variables`` with a ``jax.ShapeDtypeStruct`` in place of each array.
     """
     views = jax.ShapeDtypeStruct((*(config.views or (1, 3)), 16, 16), jnp.float32)
-    return jax.eval_shape(OccCasNet(config).init, jax.random.key(0), views)
+    truth = jax.ShapeDtypeStruct((16, 16), jnp.float32)  # some networks look at it
+    return jax.eval_shape(
+        lambda key, views, truth: OccCasNet(config).init(key, views, ground_truth=truth),
+        jax.random.key(0),
+        views,
+        truth,
+    )

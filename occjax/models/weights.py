@@ -43,7 +43,7 @@ def save_weights(
     if path.suffix != ".safetensors":
         raise InputError(f"{path}: weights are written to a file that ends in .safetensors")
     tensors = {
-        name: np.ascontiguousarray(value)
+        name: np.asarray(value, order="C")
         for name, value in traverse_util.flatten_dict(variables, sep="/").items()
     }
     _check_fit(path, tensors, config)

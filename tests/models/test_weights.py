@@ -9,6 +9,7 @@ from safetensors.numpy import save_file
 from occjax.errors import InputError
 from occjax.models import preset
 from occjax.models.weights import load_weights, save_weights
+from tests.reference.variables import random_variables
 
 
 @pytest.fixture
@@ -96,3 +97,12 @@ def test_unusable_files_are_named(tmp_path, name, content, message):
     with pytest.raises(InputError, match=message) as error:
         load_weights(path)
     assert name in str(error.value)
+
+
+def test_networks_of_all_kinds_are_stored(tmp_path):
+    for name in ("light_small", "cas_2_occ_gt"):  # with a number among the weights; with a truth
+        variables = random_variables(preset(name))
+        save_weights(tmp_path / "weights.safetensors", variables, preset(name))
+        again, config = load_weights(tmp_path / "weights.safetensors")
+        assert config == preset(name)
+        jax.tree.map(np.testing.assert_array_equal, again, variables)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from occjax.models import NetworkConfig, OccCasNet
+from occjax.models import NetworkConfig, variable_shapes
 
 
 def random_variables(config: NetworkConfig, seed: int = 0) -> dict:
@@ -20,6 +20,4 @@ def random_variables(config: NetworkConfig, seed: int = 0) -> dict:
             value = 0.2 * np.abs(noise) + 0.9 if name in ("scale", "var") else 0.2 * noise
         return jnp.asarray(value, leaf.dtype)
 
-    views = jax.ShapeDtypeStruct((*(config.views or (1, 3)), 16, 16), jnp.float32)
-    shapes = jax.eval_shape(OccCasNet(config).init, jax.random.key(0), views)
-    return jax.tree_util.tree_map_with_path(draw, shapes)
+    return jax.tree_util.tree_map_with_path(draw, variable_shapes(config))
