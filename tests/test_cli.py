@@ -227,3 +227,13 @@ def ground_truth_of_the_sample():
     from occjax.data.sample import sample
 
     return sample().ground_truth
+
+
+def test_a_pool_is_rendered_and_says_how_to_train_on_it(run, tmp_path):
+    scenes = ["--scenes.image-size", 16, 16, "--scenes.grid", 3, 3, "--scenes.views", "all"]
+    few = ["--scenes.walls", 1, "--scenes.sheets", 1, "--scenes.solids", 1, "--no-photographs"]
+    code, out, err = run("pool", tmp_path / "pool", "--count", 1, *scenes, *few)
+    assert code == 0, err
+    assert "1 light fields" in out
+    assert f"--data.pool {tmp_path / 'pool'}" in out
+    assert len(list((tmp_path / "pool").glob("*.npz"))) == 1

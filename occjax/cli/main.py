@@ -13,6 +13,7 @@ from tyro.extras import SubcommandApp
 import occjax
 from occjax.cli.estimating import demo_command, estimate_command, show_warning
 from occjax.cli.measuring import check_command, evaluate_command
+from occjax.cli.pooling import pool_command
 from occjax.cli.weights import fetch_command, list_command
 from occjax.errors import InputError
 from occjax.render.command import render_command
@@ -29,6 +30,7 @@ def _app(arguments: list[str]) -> SubcommandApp:
     app.command(check_command, name="check")
     app.command(demo_command, name="demo")
     app.command(weights, name="weights", help="Weights of the networks.")
+    app.command(pool_command, name="pool")
     app.command(_train_command(arguments), name="train")
     app.command(render_command, name="render")
     return app
