@@ -22,17 +22,17 @@ from occjax.render.command import render_command
 def _app(arguments: list[str]) -> SubcommandApp:
     """The commands; that of training reads the arguments for its defaults."""
     weights = SubcommandApp()
-    weights.command(list_command, name="list")
-    weights.command(fetch_command, name="fetch")
+    weights.command(name="list")(list_command)
+    weights.command(name="fetch")(fetch_command)
     app = SubcommandApp()
-    app.command(estimate_command, name="estimate")
-    app.command(evaluate_command, name="evaluate")
-    app.command(check_command, name="check")
-    app.command(demo_command, name="demo")
+    app.command(name="estimate")(estimate_command)
+    app.command(name="evaluate")(evaluate_command)
+    app.command(name="check")(check_command)
+    app.command(name="demo")(demo_command)
     app.command(weights, name="weights", help="Weights of the networks.")
-    app.command(pool_command, name="pool")
-    app.command(_train_command(arguments), name="train")
-    app.command(render_command, name="render")
+    app.command(name="pool")(pool_command)
+    app.command(name="train")(_train_command(arguments))
+    app.command(name="render")(render_command)
     return app
 
 

@@ -105,6 +105,8 @@ class Estimator:
         self.notes: tuple[str, ...] = ()
         self.weights: str | None = None
         self._variables: dict = {}
+        self._run: Callable[..., dict]
+        self._settings: dict[str, Any]
         self.config: PhotometricConfig | NetworkConfig
         if weights is None and model in (None, PHOTOMETRIC):
             if warp is not None or precision != "float32":

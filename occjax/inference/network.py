@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
+from occjax.models.config import Residual, of_kind
 from occjax.models.stages import stage_output
 from occjax.ops import (
     coarse_volume,
@@ -69,16 +70,17 @@ def infer(
     network = OccCasNet(config, dtype=dtype)
     network.check_grid(views)
     if config.views is None:
-        return network.apply(variables, views, candidates=candidates, offsets=offsets)
+        outputs = network.apply(variables, views, candidates=candidates, offsets=offsets)
+        return of_kind(outputs, tuple)
 
     def method(name, *args):
         return network.apply(variables, *args, method=name)
 
     # A row of views at a time: 40 channels of all views at once would be gigabytes.
     features = jax.lax.map(lambda row: method("extract", row[None])[0], views)
-    outputs: list[StageOutput] = []
+    done: list[StageOutput] = []
     for index, stage in enumerate(config.stages):
-        before = outputs[-1].disparity if outputs else None
+        before = done[-1].disparity if done else None
         values = jnp.asarray(stage.candidates, jnp.float32)
         if before is None and candidates is not None:
             values = candidates
@@ -91,14 +93,15 @@ def infer(
             ),
             height=views.shape[2],
             rows=strip_rows,
-            halo=stage.aggregation.halo,
+            halo=of_kind(stage.aggregation, Residual).halo,
         )
-        outputs.append(stage_output(scores, values, before, attention, maps))
-    return tuple(outputs)
+        done.append(stage_output(scores, values, before, attention, maps))
+    return tuple(done)
 
 
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:
-    return view_offsets(*network.config.views) if before is None else network.warp_offsets()
+    grid = of_kind(network.config.views, tuple)
+    return view_offsets(*grid) if before is None else network.warp_offsets()
 
 
 class _StageVolume:

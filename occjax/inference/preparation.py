@@ -10,6 +10,7 @@ from occjax.errors import InputError
 from occjax.io import check
 from occjax.lightfield import LightField
 from occjax.models import PRESETS, NetworkConfig
+from occjax.models.config import of_kind
 
 INTERVAL = 0.1
 """Spacing of the photometric candidates, in pixels per view step."""
@@ -106,7 +107,7 @@ def for_grid(
     Raises:
         InputError: If the light field has too few views, or the range is wider than the network's.
     """
-    light_field, notes = _crop(light_field, config.views)
+    light_field, notes = _crop(light_field, of_kind(config.views, tuple))
     if light_field.positions is not None:
         notes.append("the views' irregular positions are ignored: the network assumes a grid")
     candidates = np.asarray(config.stages[0].candidates, np.float32)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from occjax.models.config import Residual
 from occjax.models.layers import VolumeConv, normalise
 
 
@@ -46,13 +47,11 @@ class Aggregation(nn.Module):
     """3x3x3 convolutions from ``[D, H, W, C]`` to a score ``[D, H, W]``.
 
     Attributes:
-        width: Channels of the inner layers.
-        residual_pairs: Residual blocks of two convolutions each.
+        config: Channels of the inner layers, and number of residual blocks.
         dtype: Type of the computation.
     """
 
-    width: int
-    residual_pairs: int
+    config: Residual
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
@@ -60,12 +59,12 @@ class Aggregation(nn.Module):
         """Scores; the higher, the likelier the candidate."""
 
         def conv_norm(x, name):
-            x = VolumeConv(self.width, dtype=self.dtype, name=name)(x)
+            x = VolumeConv(self.config.width, dtype=self.dtype, name=name)(x)
             return normalise(train=train, dtype=self.dtype, name=f"{name}_norm")(x)
 
         x = nn.relu(conv_norm(volume, "conv_0"))
         x = nn.relu(conv_norm(x, "conv_1"))
-        for pair in range(self.residual_pairs):
+        for pair in range(self.config.pairs):
             residual = nn.relu(conv_norm(x, f"pair_{pair}_conv_0"))
             x = x + conv_norm(residual, f"pair_{pair}_conv_1")
         x = nn.relu(conv_norm(x, "conv_2"))

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from occjax.errors import InputError
 from occjax.models.aggregation import Aggregation, ViewAttention
-from occjax.models.config import NetworkConfig
+from occjax.models.config import FeatureConfig, NetworkConfig, Residual, of_kind
 from occjax.models.features import FeatureNetwork
 from occjax.models.sectors import SectorCascade
 from occjax.models.stages import StageOutput, stage_output
@@ -53,15 +53,14 @@ class OccCasNet(nn.Module):
         if config.views is None:
             self.sectors = SectorCascade(config, dtype=self.dtype)
             return
-        self.features = FeatureNetwork(config.features, dtype=self.dtype)
+        self.features = FeatureNetwork(of_kind(config.features, FeatureConfig), dtype=self.dtype)
         stages = config.stages[:1] if config.shared_aggregation else config.stages
         self.attention = [
             ViewAttention(config.views[0], config.attention_width) if stage.attention else None
             for stage in stages
         ]
         self.aggregation = [
-            Aggregation(stage.aggregation.width, stage.aggregation.pairs, dtype=self.dtype)
-            for stage in stages
+            Aggregation(of_kind(stage.aggregation, Residual), dtype=self.dtype) for stage in stages
         ]
 
     def __call__(
@@ -205,7 +204,7 @@ class OccCasNet(nn.Module):
 
     def warp_offsets(self) -> Float[Array, "v u 2"]:
         """Offsets of the views as the per-pixel warp takes them."""
-        offsets = view_offsets(*self.config.views)
+        offsets = view_offsets(*of_kind(self.config.views, tuple))
         return offsets[..., ::-1] if self.config.warp == "transposed" else offsets
 
     def attend(self, index: int, mean: Float[Array, " k"]) -> Float[Array, "v u"] | None:
@@ -223,7 +222,9 @@ class OccCasNet(nn.Module):
     ) -> Float[Array, "d h w"]:
         """Scores of a stage's candidates from its volume, its views weighted by attention."""
         if attention is not None:
-            per_channel = jnp.repeat(attention.reshape(-1), self.config.features.channels)
+            per_channel = jnp.repeat(
+                attention.reshape(-1), of_kind(self.config.features, FeatureConfig).channels
+            )
             volume = volume * per_channel.astype(volume.dtype)[None, None, None]
         return self.aggregation[self._part(index)](volume, train=train)
 

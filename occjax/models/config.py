@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 OcclusionSource = Literal["none", "coarse", "ground_truth"]
 VolumeKind = Literal["concatenate", "sectors"]
 Warp = Literal["correct", "transposed"]
 FeatureStatistics = Literal["pooled", "per_view"]
+Part = TypeVar("Part")
 
 
 @dataclass(frozen=True)
@@ -270,6 +271,13 @@ class NetworkConfig:
             if not isinstance(stage.aggregation, Residual)
         ]
         return 2 ** (max(levels) - 1) if levels else 1
+
+
+def of_kind(value: Any, kind: type[Part]) -> Part:
+    """A part of a configuration that its network has checked to be of this kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{kind.__name__} is needed here, not {type(value).__name__}")
+    return value
 
 
 def _one_of(name: str, value: str, choices: Any) -> None:

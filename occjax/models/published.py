@@ -14,7 +14,7 @@ from flax import traverse_util
 
 from occjax.errors import InputError
 from occjax.models.cascade import variable_shapes
-from occjax.models.config import NetworkConfig
+from occjax.models.config import FeatureConfig, NetworkConfig, Residual, of_kind
 
 _NAME = re.compile(
     r"(?:.*/)?(?P<layer>conv2d|conv3d|batch_normalization)(?:_(?P<number>\d+))?"
@@ -132,7 +132,7 @@ def _layers_in_creation_order(config: NetworkConfig) -> Iterator[_Layer]:
     def norm(*path):
         return _Layer("batch_normalization", path, tuple(_NORM))
 
-    features = config.features
+    features = of_kind(config.features, FeatureConfig)
     for index in range(2):
         yield convolution("conv2d", "features", f"stem_{index}")
         yield norm("features", f"stem_{index}_norm")
@@ -156,9 +156,8 @@ def _layers_in_creation_order(config: NetworkConfig) -> Iterator[_Layer]:
         if stage.attention:
             for name in ("hidden", "octant"):
                 yield _Layer("conv3d", (f"attention_{index}", name), ("kernel", "bias"))
-        pairs = [
-            f"pair_{pair}_conv_{half}" for pair in range(stage.aggregation.pairs) for half in (0, 1)
-        ]
+        number = of_kind(stage.aggregation, Residual).pairs
+        pairs = [f"pair_{pair}_conv_{half}" for pair in range(number) for half in (0, 1)]
         for name in ("conv_0", "conv_1", *pairs, "conv_2"):
             yield convolution("conv3d", f"aggregation_{index}", name)
             yield norm(f"aggregation_{index}", f"{name}_norm")

@@ -8,6 +8,7 @@ surfaces without texture.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import flax.linen as nn
@@ -18,9 +19,12 @@ from jaxtyping import Array, Float
 
 from occjax.models.config import (
     DerivativeFeatures,
+    Hourglass,
     NetworkConfig,
+    Planar,
     SemiGlobalConfig,
     StageConfig,
+    of_kind,
 )
 from occjax.models.guide import Guide
 from occjax.models.pyramids import HourglassAggregation, PlanarAggregation
@@ -117,7 +121,7 @@ class SectorCascade(nn.Module):
 
         first, *others = self.config.stages
         output, guide = self._coarse(first, views, centre, offsets, candidates, train)
-        outputs, features = [output], None
+        outputs = [output]
         for index, stage in enumerate(others, start=1):
             before = jax.lax.stop_gradient(outputs[-1].disparity)
             for _ in range(stage.plane_steps):
@@ -136,23 +140,26 @@ class SectorCascade(nn.Module):
         return tuple(_unscaled(output, scale, height, width) for output in outputs)
 
     def _coarse(self, stage: StageConfig, views, centre, offsets, candidates, train):
-        features = _halved(views)
-        costs = _truncated_costs(features, candidates / 2, offsets, self.config.features)
+        hourglass = of_kind(stage.aggregation, Hourglass)
+        prior = of_kind(stage.semi_global, SemiGlobalConfig)
+        compared = of_kind(self.config.features, DerivativeFeatures)
+        costs = _truncated_costs(_halved(views), candidates / 2, offsets, compared)
         channels = sector_channels(costs)
         relative, level = _relative(channels, 0.02)
-        smooth = _semi_globally(channels[-1], candidates, _halved(centre), stage.semi_global)
+        smooth = _semi_globally(channels[-1], candidates, _halved(centre), prior)
         smooth = smooth - smooth.min(0, keepdims=True)
         volume = jnp.concatenate([relative, jnp.minimum(smooth, 2.0)[None]])
-        guide = Guide(stage.aggregation.widths, dtype=self.dtype, name="guide")(
+        guide = Guide(hourglass.widths, dtype=self.dtype, name="guide")(
             centre, jnp.moveaxis(level, 0, -1), train=train
         )
-        aggregate = HourglassAggregation(stage.aggregation, dtype=self.dtype, name="stage_0")
+        aggregate = HourglassAggregation(hourglass, dtype=self.dtype, name="stage_0")
         learned = aggregate(jnp.moveaxis(volume, 0, -1), guide, train=train)
-        start = nn.initializers.constant(-jnp.log(stage.semi_global.temperature))
+        start = nn.initializers.constant(-math.log(prior.temperature))
         sharpness = jnp.exp(self.param("semi_global_sharpness", start, ()))
         output = stage_output(learned - sharpness * smooth, candidates, window=stage.window)
         squares = jnp.square(candidates[:, None, None] - output.disparity[None])
-        deviation = jnp.sqrt((output.probabilities * squares).sum(0) + 1e-6)
+        probabilities = of_kind(output.probabilities, jax.Array)
+        deviation = jnp.sqrt((probabilities * squares).sum(0) + 1e-6)
         upsample = ConvexUpsampling(dtype=self.dtype, name="upsampling")
         fine = upsample(output.disparity, deviation, guide[0], train=train)
         return output._replace(disparity=fine), guide
@@ -167,7 +174,9 @@ class SectorCascade(nn.Module):
             relative, level = _relative(sector_channels(costs), image.floor)
             known += [relative.reshape(-1, *before.shape), level, _seen(costs, offsets)]
         volume = jnp.moveaxis(jnp.concatenate(known), 0, -1)
-        aggregate = PlanarAggregation(stage.aggregation, dtype=self.dtype, name=f"stage_{index}")
+        aggregate = PlanarAggregation(
+            of_kind(stage.aggregation, Planar), dtype=self.dtype, name=f"stage_{index}"
+        )
         features = aggregate(volume, guide, train=train)
         score = nn.Conv(
             len(residuals),
@@ -189,8 +198,8 @@ def _halved(images: Float[Array, "*n h w"]) -> Float[Array, "*n i j"]:
 def _truncated_costs(views, candidates, offsets, config: DerivativeFeatures) -> SectorCosts:
     """Of grey and its derivatives, which do not see vignetting and the broad part of highlights."""
     features = jnp.stack([views, *central_differences(views)], axis=-1)
-    truncation = [config.grey_truncation, config.derivative_truncation]
-    truncation = jnp.array([truncation[0], truncation[1], truncation[1]])
+    derivative = config.derivative_truncation
+    truncation = jnp.array([config.grey_truncation, derivative, derivative])
     return coarse_sector_costs(features, candidates, truncation=truncation, offsets=offsets)
 
 
@@ -220,8 +229,9 @@ def _planes(steps: list[SectorSteps], images: list[_Image], before, centre):
     """
     weights = [(images[0].tolerance / image.tolerance) ** 2 for image in images]
     pairs = list(zip(weights, steps, strict=True))
-    information = sum(weight * kind.information.sum(0) for weight, kind in pairs)
-    push = sum(weight * kind.push.sum(0) for weight, kind in pairs)
+    nothing = jnp.zeros_like(before)
+    information = sum((weight * kind.information.sum(0) for weight, kind in pairs), nothing)
+    push = sum((weight * kind.push.sum(0) for weight, kind in pairs), nothing)
     step = jnp.clip(push / (information + LEAST_INFORMATION), -LARGEST_STEP, LARGEST_STEP)
     edges = jnp.stack([box_filter(centre, 1) / GUIDE_EDGE, before / DISPARITY_EDGE])
     information = information + 0.01 * LEAST_INFORMATION

@@ -61,7 +61,9 @@ class ConvexUpsampling(nn.Module):
         x = jnp.concatenate([guide, jax.lax.stop_gradient(known).astype(self.dtype)], axis=-1)
         x = ConvNorm(self.width, dtype=self.dtype, name="hidden")(x, train=train)
         weights = nn.Conv(9 * 4, (1, 1), dtype=self.dtype, name="weights")(x)[0]
-        weights = weights.astype(jnp.float32).reshape(h, w, 9, 2, 2) + jnp.log(_BILINEAR)[None, None]
+        weights = (
+            weights.astype(jnp.float32).reshape(h, w, 9, 2, 2) + jnp.log(_BILINEAR)[None, None]
+        )
         weights = jax.nn.softmax(weights, axis=2)
         fine = jnp.einsum("hwnij,nhw->hiwj", weights, neighbours(disparity))
         return fine.reshape(2 * h, 2 * w)

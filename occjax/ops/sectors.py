@@ -316,7 +316,7 @@ class _Around(NamedTuple):
     steps: tuple[Array, Array, Array, Array]  # index, sector, offset, whether it counts
 
 
-def _views_around(grid: tuple[int, int], offsets: ArrayLike | None) -> _Around:
+def _views_around(grid: tuple[int, ...], offsets: ArrayLike | None) -> _Around:
     v, u = grid
     if v * u < 2:
         raise InputError("one view has no disparity: give a grid of at least 1x2 views")
