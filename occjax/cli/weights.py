@@ -8,6 +8,8 @@ from occjax.models.fetch import fetch_published_weights
 
 def list_command() -> int:
     """List the weights in the package, the default first."""
+    if not bundled_weights():
+        print("no weights are in the package; train some with: occjax train")
     for weights in bundled_weights():
         weights.verify()
         size = weights.path.stat().st_size / 1e6
