@@ -47,7 +47,7 @@ def test_a_path_is_taken_as_it_is(package, tmp_path):
 
 
 def test_an_unknown_name_is_told_with_those_that_there_are(package):
-    with pytest.raises(InputError, match="no weights of this name.*there are good"):
+    with pytest.raises(InputError, match=r"no weights of this name.*there are good"):
         bundled.find_weights("better")
 
 
