@@ -131,8 +131,8 @@ def test_costs_are_least_at_the_true_disparity_of_a_slanted_plane():
 
 
 def test_every_sector_steps_to_the_true_disparity():
-    # Waves so long that bilinear reading is nearly exact: its error is about a wave number of 0.05 times
-    # 1/8, over the offset, 0.006 pixels per view step.
+    # Waves so long that bilinear reading is nearly exact: a step is wrong by about their wave
+    # number, 0.05, times 1/8, over the offset: 0.006 pixels per view step.
     y, x = np.mgrid[:32, :40].astype(float)
     views = np.empty((5, 5, 32, 40), np.float32)
     for row, column in np.ndindex(5, 5):
