@@ -83,19 +83,35 @@ def config_from_json(text: str) -> NetworkConfig:
     return config
 
 
-def first_difference(wanted: NetworkConfig, stored: NetworkConfig) -> str:
-    """The first field in which two configurations differ, with both values."""
-    ours, theirs = (_flat(json.loads(config_to_json(config))) for config in (wanted, stored))
-    name = next(name for name in (*ours, *theirs) if ours.get(name) != theirs.get(name))
-    return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
+def first_difference(wanted: Any, stored: Any) -> str | None:
+    """The first field in which two configurations differ, in words.
+
+    Args:
+        wanted: A configuration, as ``dataclasses.asdict`` or JSON gives it.
+        stored: Another one.
+
+    Returns:
+        For instance ``"optimiser.peak_rate is 0.001, not 0.01"`` (the stored value comes first), or
+        None if they agree.
+
+    Example:
+        >>> first_difference({"loss": {"border": 2}}, {"loss": {"border": 0}})
+        'loss.border is 0, not 2'
+    """
+    ours, theirs = dict(_leaves(wanted)), dict(_leaves(stored))
+    for name in (*ours, *theirs):
+        if name not in ours or name not in theirs or ours[name] != theirs[name]:
+            return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
+    return None
 
 
-def _flat(value: Any, name: str = "") -> dict[str, Any]:
-    """Fields of a configuration by their path, such as ``stages[0].occlusion``."""
+def _leaves(value: Any, name: str = ""):
+    """Values of a tree of dictionaries and sequences with their paths, ``stages[0].width``."""
     if isinstance(value, dict):
-        parts = [(f"{name}.{key}" if name else key, item) for key, item in value.items()]
-    elif isinstance(value, list) and value and isinstance(value[0], dict):
-        parts = [(f"{name}[{index}]", item) for index, item in enumerate(value)]
+        for key, item in value.items():
+            yield from _leaves(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list | tuple) and value and isinstance(value[0], dict):
+        for index, item in enumerate(value):
+            yield from _leaves(item, f"{name}[{index}]")
     else:
-        return {name: value}
-    return {path: leaf for part, item in parts for path, leaf in _flat(item, part).items()}
+        yield name, list(value) if isinstance(value, tuple) else value

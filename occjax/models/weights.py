@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,9 +81,11 @@ def load_weights(
             f"{path}: weights end in .safetensors, or in .h5 or .hdf5 for the published layout"
         )
     variables, stored = _load_safetensors(path)
-    if config is not None and _what_weights_mean(config) != _what_weights_mean(stored):
-        difference = first_difference(*map(_what_weights_mean, (config, stored)))
-        raise InputError(f"{path}: was made for another network: {difference}")
+    if config is not None:
+        wanted, found = (_what_weights_mean(each) for each in (config, stored))
+        difference = first_difference(wanted, found)
+        if difference is not None:
+            raise InputError(f"{path}: was made for another network: {difference}")
     if warp is None:
         return variables, stored
     if stored.views is None:
@@ -90,11 +93,11 @@ def load_weights(
     return variables, dataclasses.replace(stored, warp=warp)
 
 
-def _what_weights_mean(config: NetworkConfig) -> NetworkConfig:
+def _what_weights_mean(config: NetworkConfig) -> dict:
     """The configuration without what changes neither shape nor meaning of a weight."""
-    if config.views is None:
-        return config
-    return dataclasses.replace(config, warp="correct", feature_statistics="pooled")
+    if config.views is not None:
+        config = dataclasses.replace(config, warp="correct", feature_statistics="pooled")
+    return json.loads(config_to_json(config))
 
 
 def _load_safetensors(path: Path) -> tuple[dict, NetworkConfig]:

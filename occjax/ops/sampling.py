@@ -135,8 +135,8 @@ def warp(
     if border == "zero":
         image = jnp.pad(image, ((1, 1), (1, 1), (0, 0)))
         y, x = y + 1.0, x + 1.0
-    row, row_fraction = _base_and_fraction(y, image.shape[0])
-    column, column_fraction = _base_and_fraction(x, image.shape[1])
+    row, row_fraction = base_and_fraction(y, image.shape[0])
+    column, column_fraction = base_and_fraction(x, image.shape[1])
     row_fraction = row_fraction.astype(image.dtype)[..., None]
     column_fraction = column_fraction.astype(image.dtype)[..., None]
     one = jnp.ones((), image.dtype)
@@ -188,7 +188,7 @@ def as_coordinates(*values: ArrayLike) -> tuple[Array, ...]:
     return tuple(array.astype(jnp.float64 if double else jnp.float32) for array in arrays)
 
 
-def _base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
+def base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
     """Lower bilinear tap in [0, size - 2] and the weight of the upper one, in [0, 1].
 
     In an image one pixel wide the taps are -1 and 0, the same pixel.

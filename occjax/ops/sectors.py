@@ -30,9 +30,9 @@ from jaxtyping import Array, Float, Int
 from occjax.errors import InputError
 from occjax.ops.filtering import box_filter, central_differences
 from occjax.ops.geometry import view_offsets
-from occjax.ops.sampling import as_coordinates, as_images
+from occjax.ops.matching import SECTORS
+from occjax.ops.sampling import as_coordinates, as_images, base_and_fraction
 
-SECTORS = 8
 HALF_APERTURE = 5
 """Neighbouring sectors that make up one half of the aperture, its edges included."""
 
@@ -400,11 +400,9 @@ def _inside(displacements, h: int, w: int) -> Array:
 
 def _bilinear(image, y, x) -> Float[Array, "h w"]:
     """An image read at positions ``[h, w]``; outside, the border is replicated."""
-    h, w = image.shape
-    row, column = jnp.clip(jnp.floor(y), 0, h - 2), jnp.clip(jnp.floor(x), 0, w - 2)
-    down = jnp.clip(y - row, 0, 1).astype(image.dtype)
-    right = jnp.clip(x - column, 0, 1).astype(image.dtype)
-    row, column = row.astype(jnp.int32), column.astype(jnp.int32)
+    row, down = base_and_fraction(y, image.shape[0])
+    column, right = base_and_fraction(x, image.shape[1])
+    down, right = down.astype(image.dtype), right.astype(image.dtype)
 
     def along(row):
         return image[row, column] * (1 - right) + image[row, column + 1] * right

@@ -14,7 +14,7 @@ from orbax.checkpoint.checkpoint_managers import preservation_policy
 import occjax
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.training.config import first_difference
+from occjax.models.description import first_difference
 from occjax.training.step import TrainState
 
 CHECKPOINTS = "checkpoints"
