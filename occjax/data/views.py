@@ -85,7 +85,7 @@ def _of_grid(sample: Sample, selection: Selection) -> Sample:
             visibility=sample.visibility[(..., *inner, slice(None), slice(None))],
         )
     row, column = (place.ravel() for place in np.indices((v, u)))
-    chosen = _centred(np.stack([row - v // 2, column - u // 2], axis=-1), selection)
+    chosen = chosen_views(np.stack([row - v // 2, column - u // 2], axis=-1), selection)
     row, column = row[chosen][None], column[chosen][None]
     return sample._replace(
         views=sample.views[..., row, column, :, :],
@@ -100,7 +100,7 @@ def _of_list(sample: Sample, selection: Selection) -> Sample:
     offsets = _as_list(sample.offsets, 1)
     whole = np.rint(np.asarray(offsets)).astype(int)
     lead = whole.shape[:-2]
-    chosen = [_centred(places, selection) for places in whole.reshape(-1, *whole.shape[-2:])]
+    chosen = [chosen_views(places, selection) for places in whole.reshape(-1, *whole.shape[-2:])]
     if len({len(order) for order in chosen}) != 1:
         raise InputError("the samples of the batch differ in arrangement; select alike ones")
     order = np.stack(chosen).reshape(*lead, 1, -1)
@@ -122,13 +122,28 @@ def _as_list(values, trailing: int):
     return values.reshape(*lead, -1, *rest)
 
 
-def _centred(places: np.ndarray, selection: Selection) -> np.ndarray:
-    """Numbers of the views that a selection takes, given ``[n, 2]`` whole places.
+def chosen_views(places: np.ndarray, selection: Selection) -> np.ndarray:
+    """Numbers of the views that a selection takes.
 
-    They are ordered row by row, with the centre view moved into the middle.
+    Args:
+        places: ``[n, 2]`` whole offsets ``(row, column)`` of the views from the centre view.
+        selection: As for :func:`select_views`.
+
+    Returns:
+        ``[k]`` int32, row by row, but with the centre view at ``k // 2``.
+
+    Raises:
+        InputError: If there are no such views, or not one centre view.
+
+    Example:
+        >>> places = np.stack(np.indices((1, 4)), axis=-1).reshape(-1, 2) - [0, 2]
+        >>> chosen_views(places, "star").tolist()
+        [0, 1, 2, 3]
     """
     row, column = places.T
-    if isinstance(selection, str):
+    if selection == "all":
+        taken = np.ones(len(places), bool)
+    elif isinstance(selection, str):
         taken = (row == 0) | (column == 0)
         if selection == "star":
             taken |= np.abs(row) == np.abs(column)

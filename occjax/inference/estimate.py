@@ -26,7 +26,7 @@ from occjax.inference.preparation import (
 )
 from occjax.inference.result import Estimate
 from occjax.lightfield import LightField
-from occjax.models import PRESETS, NetworkConfig, preset
+from occjax.models import PRESETS, NetworkConfig, StageOutput, preset
 from occjax.models.bundled import find_weights
 from occjax.models.config import Warp
 from occjax.models.weights import load_weights
@@ -134,7 +134,7 @@ class Estimator:
                     "warp: transposed, as the published code trained it (rows move with u); "
                     "choose --warp correct to override",
                 )
-            self._run = _run_network
+            self._run = _run_network if self.config.views else _run_on_some_views
             self._settings = {"config": self.config, "dtype": precision}
 
     def __call__(
@@ -243,16 +243,37 @@ def _run_photometric(_, views, candidates, offsets, *, config):
     return photometric(views, candidates, offsets=offsets, config=config)._asdict()
 
 
-def _run_network(variables, views, candidates, offsets, ground_truth, *, config, dtype):
+def _run_network(variables, views, candidates, ground_truth, *, config, dtype):
     stages = infer(
         variables,
         views,
         config,
         candidates=candidates,
         ground_truth=ground_truth,
-        offsets=offsets,
         dtype=jnp.dtype(dtype),
     )
+    return _maps(stages, stages[-1].occlusion)
+
+
+def _run_on_some_views(
+    variables, views, candidates, ground_truth, offsets, looked_at, *, config, dtype
+):
+    v, u, h, w = views.shape
+    stages = infer(
+        variables,
+        views.reshape(1, v * u, h, w)[:, looked_at],
+        config,
+        candidates=candidates,
+        ground_truth=ground_truth,
+        offsets=offsets.reshape(1, v * u, 2)[:, looked_at],
+        dtype=jnp.dtype(dtype),
+    )
+    disparity = stages[-1].disparity
+    return _maps(stages, occlusion_maps(views[..., None], disparity, offsets=offsets))
+
+
+def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
+    """What an estimate has, of a network's stages."""
     disparity = stages[-1].disparity
     h, w = disparity.shape
     certainty, deviation = [], None
@@ -265,9 +286,6 @@ def _run_network(variables, views, candidates, offsets, ground_truth, *, config,
             readings = tuple(jnp.repeat(jnp.repeat(each, 2, 0), 2, 1)[:h, :w] for each in readings)
         certainty.append(readings[0])
         deviation = readings[1]
-    occlusion = stages[-1].occlusion
-    if config.views is None:
-        occlusion = occlusion_maps(views[..., None], disparity, offsets=offsets)
     return {
         "disparity": disparity,
         # A refined stage cannot know that the stage before chose the wrong surface: the least

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from occjax.data.views import chosen_views
 from occjax.errors import InputError
 from occjax.io import check
 from occjax.lightfield import LightField
@@ -57,7 +58,10 @@ def for_photometric(light_field: LightField, asked: tuple[float, float] | None) 
 def for_any_views(
     light_field: LightField, asked: tuple[float, float] | None, config: NetworkConfig
 ) -> Ready:
-    """Grey views of equal brightness, candidates at the network's interval, offsets, no truth.
+    """Grey views, candidates at the network's interval, no truth, offsets, views to look at.
+
+    Of a grid the network looks at the centre view's row, column and diagonals, as in training:
+    the other views hardly add to them, and cost as much.
 
     Args:
         light_field: Views and what is known about them.
@@ -68,12 +72,12 @@ def for_any_views(
         InputError: If there is but one view, or the range is too wide.
     """
     (low, high), notes = choose_range(light_field, asked)
-    offsets = _positions(light_field)
-    if offsets is None:
-        v, u = light_field.grid
-        rows, columns = np.arange(v) - v // 2, np.arange(u) - u // 2
-        offsets = np.stack(np.meshgrid(rows, columns, indexing="ij"), -1).astype(np.float32)
-    farthest = np.abs(offsets).max()
+    v, u = light_field.grid
+    places = np.stack(np.indices((v, u)), axis=-1) - [v // 2, u // 2]
+    positions = _positions(light_field)
+    offsets = places.astype(np.float32) if positions is None else positions
+    looked_at = chosen_views(places.reshape(-1, 2), "star" if positions is None else "all")
+    farthest = float(np.abs(offsets).max())
     if farthest == 0:
         raise InputError(
             f"{light_field.name}: one view has no disparity; give a grid of at least 1x2 views"
@@ -86,9 +90,8 @@ def for_any_views(
     wanted = max(int(np.ceil((high - low) / interval)) + 3, FEWEST_COARSE)
     number = 4 * -(-wanted // 4)
     candidates = (low + high) / 2 + interval * (np.arange(number) - (number - 1) / 2)
-    grey = light_field.grey()
     return Ready(
-        (grey, candidates.astype(np.float32), offsets, None),
+        (light_field.grey(), candidates.astype(np.float32), None, offsets, looked_at),
         (float(candidates[0]), float(candidates[-1])),
         notes,
     )
@@ -133,7 +136,7 @@ def for_grid(
                 f"{light_field.name}: this network takes occlusion maps from the ground truth, "
                 "and there is none"
             )
-    return Ready((light_field.grey(), candidates, None, truth), covered, notes)
+    return Ready((light_field.grey(), candidates, truth), covered, notes)
 
 
 def choose_range(

@@ -1,5 +1,7 @@
 """Estimators as users call them: ranges, grids, weights, and what they refuse."""
 
+import dataclasses
+
 import jax
 import jax.export
 import jax.numpy as jnp
@@ -31,6 +33,13 @@ def tiny(tmp_path_factory):
 @pytest.fixture(scope="module")
 def tiny_estimator(tiny):
     return Estimator(weights=tiny)
+
+
+@pytest.fixture(scope="module")
+def light_estimator(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "light.safetensors"
+    save_weights(path, random_variables(preset("light_small")), preset("light_small"))
+    return Estimator(weights=path)
 
 
 def interior_error(result, light_field):
@@ -154,6 +163,41 @@ def test_the_function_is_the_estimator(photometric):
     again = photometric(light_field, disparity_range=(-1.0, 2.0))
     np.testing.assert_array_equal(result.disparity, again.disparity)
     assert occjax.estimate is estimate
+
+
+def _changed(light_field, row, column):
+    views = light_field.views.copy()
+    views[row, column] = views[row, column, ::-1]
+    return dataclasses.replace(light_field, views=views)
+
+
+def test_a_light_network_looks_at_the_row_the_column_and_the_diagonals(light_estimator):
+    light_field = plane(grid=(5, 5), size=(24, 24))
+    answer = light_estimator(light_field, disparity_range=(-2.0, 2.0)).disparity
+
+    def changes(row, column):
+        changed = _changed(light_field, row, column)
+        return np.any(light_estimator(changed, disparity_range=(-2.0, 2.0)).disparity != answer)
+
+    assert all(changes(*view) for view in [(0, 0), (2, 4), (1, 2), (3, 1), (2, 2)])
+    assert not any(changes(*view) for view in [(0, 1), (1, 0), (3, 4), (4, 3)])
+
+
+def test_a_light_network_uses_all_views_of_an_irregular_grid(light_estimator):
+    light_field = plane(grid=(5, 5), size=(24, 24))
+    rows, columns = np.indices((5, 5), dtype=np.float32) - 2
+    positions = np.stack([rows + 0.2 * columns, columns], axis=-1)
+    light_field = dataclasses.replace(light_field, positions=positions)
+    answers = [
+        light_estimator(one, disparity_range=(-2.0, 2.0)).disparity
+        for one in (light_field, _changed(light_field, 0, 1))
+    ]
+    assert np.any(answers[0] != answers[1])
+
+
+def test_a_light_network_says_where_every_view_is_occluded(light_estimator):
+    result = light_estimator(plane(grid=(4, 6), size=(20, 24)), disparity_range=(-2.0, 2.0))
+    assert result.occlusion.shape == (4, 6, 20, 24)
 
 
 def test_an_exported_estimator_gives_the_same_answer_without_the_library(tiny_estimator):
