@@ -69,7 +69,7 @@ def run(
     size: Annotated[int, tyro.conf.arg(help="Side of the cut-out, in pixels.")] = 256,
 ) -> dict[str, Metrics]:
     """Estimate every condition, print the table, and return the metrics by condition."""
-    estimator = Estimator()
+    estimator = Estimator("photometric")
     results = {}
     for name, light_field in tqdm(scenes(size).items(), unit="scene", disable=None):
         assert light_field.ground_truth is not None

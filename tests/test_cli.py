@@ -235,5 +235,5 @@ def test_a_pool_is_rendered_and_says_how_to_train_on_it(run, tmp_path):
     code, out, err = run("pool", tmp_path / "pool", "--count", 1, *scenes, *few)
     assert code == 0, err
     assert "1 light fields" in out
-    assert f"--data.pool {tmp_path / 'pool'}" in out
+    assert f"--data.pools {tmp_path / 'pool'}" in out
     assert len(list((tmp_path / "pool").glob("*.npz"))) == 1

@@ -41,13 +41,18 @@ def estimate_command(
     model: Annotated[
         str | None,
         option(
-            "photometric, which needs no weights, or a network of the paper: "
-            f"{', '.join(MODELS[1:])}. By default the one the weights were made for.",
+            f"photometric, which needs no weights, or a network: {', '.join(MODELS[1:])}. "
+            "By default the one the weights were made for.",
             "MODEL",
         ),
     ] = None,
     weights: Annotated[
-        Path | None, option("Weights: .safetensors, or the published .h5 / .hdf5.", "FILE")
+        Path | None,
+        option(
+            "Weights: .safetensors, the published .h5 / .hdf5, or a name that occjax weights list "
+            "shows. By default the first in that list.",
+            "FILE",
+        ),
     ] = None,
     warp: Annotated[
         Warp | None, option("correct or transposed, if not the weights' own.", "WARP")

@@ -28,6 +28,6 @@ def pool_command(
     render_pool(folder, count, scenes, seed, photographs=textures)
     print(
         f"{folder}: {pool_size(folder)} light fields\n"
-        f"train on it with: occjax train FOLDER --data.procedural-share 0 --data.pool {folder}"
+        f"train on it with: occjax train FOLDER --data.procedural-share 0 --data.pools {folder}"
     )
     return 0

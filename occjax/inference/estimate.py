@@ -27,7 +27,7 @@ from occjax.inference.preparation import (
 from occjax.inference.result import Estimate
 from occjax.lightfield import LightField
 from occjax.models import PRESETS, NetworkConfig, StageOutput, preset
-from occjax.models.bundled import find_weights
+from occjax.models.bundled import bundled_weights, find_weights
 from occjax.models.config import Warp
 from occjax.models.weights import load_weights
 from occjax.ops import confidence, occlusion_maps
@@ -56,9 +56,10 @@ def estimate(
     Args:
         light_field: Views and what is known about them, see :func:`occjax.load`.
         model: ``"photometric"`` (training-free, any grid) or a network's preset. By default the one
-            the weights were made for, or photometric without weights.
+            the weights were made for.
         weights: File of the network's weights, ``.safetensors`` or the published ``.h5``/``.hdf5``,
-            or the name of those in the package (``occjax weights list``).
+            or the name of those in the package (``occjax weights list``). By default those of this
+            name, without a model the first in the list.
         warp: ``"correct"`` or ``"transposed"``, in place of what the weights were trained with.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step. By default what
             the light field says, else what its photo-consistency shows.
@@ -108,6 +109,8 @@ class Estimator:
         self._run: Callable[..., dict]
         self._settings: dict[str, Any]
         self.config: PhotometricConfig | NetworkConfig
+        if weights is None:
+            weights = _bundled_for(model)
         if weights is None and model in (None, PHOTOMETRIC):
             if warp is not None or precision != "float32":
                 raise InputError(
@@ -230,6 +233,14 @@ class Estimator:
         if self.config.views is None:
             return for_any_views(light_field, disparity_range, self.config)
         return for_grid(light_field, disparity_range, self.config)
+
+
+def _bundled_for(model: str | None) -> str | None:
+    """Name of the weights in the package for a model; the default ones if it may be any."""
+    names = [weights.name for weights in bundled_weights()]
+    if model is None:
+        return names[0] if names else None
+    return model if model in names else None
 
 
 @functools.lru_cache(maxsize=64)

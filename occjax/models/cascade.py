@@ -98,7 +98,7 @@ class OccCasNet(nn.Module):
         if self.config.views is None:
             if offsets is None:
                 offsets = view_offsets(*views.shape[:2])
-            return self.sectors(views, offsets, candidates, train=train)
+            return self.sectors(views, offsets, candidates)
         features = self.extract(views, train=train)
         outputs: list[StageOutput] = []
         for index, stage in enumerate(self.config.stages):

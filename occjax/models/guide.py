@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.models.layers import ConvNorm, HalvingConvNorm, halve
+from occjax.models.layers import ConvRelu, HalvingConvRelu, halve
 
 
 class Guide(nn.Module):
@@ -23,7 +23,7 @@ class Guide(nn.Module):
 
     @nn.compact
     def __call__(
-        self, centre: Float[Array, "h w"], context: Float[Array, "i j k"], *, train: bool
+        self, centre: Float[Array, "h w"], context: Float[Array, "i j k"]
     ) -> list[Float[Array, "1 _ _ _"]]:
         """Levels of the guide.
 
@@ -31,20 +31,17 @@ class Guide(nn.Module):
             centre: ``[h, w]`` grey centre view, multiples of ``2 ** len(widths)`` in size.
             context: ``[h / 2, w / 2, k]`` what the first volume knows beside the ranking of its
                 candidates: how much the views differ at all.
-            train: Normalise by batch statistics.
 
         Returns:
             One ``[1, h / 2^(k + 1), w / 2^(k + 1), widths[k]]`` for each level.
         """
         first, *others = self.widths
         image = (centre - 0.5)[None, :, :, None].astype(self.dtype)
-        x = HalvingConvNorm(first, dtype=self.dtype, name="image")(image, train=train)
+        x = HalvingConvRelu(first, dtype=self.dtype, name="image")(image)
         x = jnp.concatenate([x, context[None].astype(self.dtype)], axis=-1)
-        levels = [ConvNorm(first, dtype=self.dtype, name="level_0")(x, train=train)]
+        levels = [ConvRelu(first, dtype=self.dtype, name="level_0")(x)]
         for level, width in enumerate(others, start=1):
-            x = ConvNorm(width, dtype=self.dtype, name=f"level_{level}")(
-                halve(levels[-1]), train=train
-            )
+            x = ConvRelu(width, dtype=self.dtype, name=f"level_{level}")(halve(levels[-1]))
             levels.append(x)
         return levels
 

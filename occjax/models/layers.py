@@ -30,6 +30,10 @@ convolve = functools.partial(nn.Conv, padding="SAME", use_bias=False)
 """Two-dimensional convolution before a BatchNorm: zero padding, no bias."""
 
 
+_KEEPS_VARIANCE = nn.initializers.he_normal()
+"""For layers with a ReLU behind them (He et al., Delving Deep into Rectifiers, ICCV 2015)."""
+
+
 class VolumeConv(nn.Module):
     """3x3x3 convolution of a volume ``[D, H, W, C]``, zero padding, no bias.
 
@@ -67,30 +71,34 @@ class VolumeConv(nn.Module):
         return result.at[:-1].add(plane(volume[1:], 2))
 
 
-class ConvNorm(nn.Module):
-    """3x3 convolution of images ``[N, H, W, C]`` (or planes of a volume), BatchNorm, ReLU.
+class ConvRelu(nn.Module):
+    """3x3 convolution of images ``[N, H, W, C]`` (or planes of a volume), ReLU.
+
+    Not normalised: a batch on a CPU is a few light fields, and statistics over so few tell the
+    layers what those light fields are, which is not there to rely on when there is but one.
 
     Attributes:
         channels: Number of output channels.
-        size: Side length of the kernel.
+        size: Side length of the kernel, or both.
         dtype: Type of the computation.
     """
 
     channels: int
-    size: int = 3
+    size: int | tuple[int, int] = 3
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, images: Float[Array, "n h w c"], *, train: bool) -> Float[Array, "n h w k"]:
-        """Convolve, normalise, rectify."""
-        images = convolve(self.channels, (self.size, self.size), dtype=self.dtype, name="conv")(
-            images
+    def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n h w k"]:
+        """Convolve, rectify."""
+        size = (self.size, self.size) if isinstance(self.size, int) else self.size
+        conv = nn.Conv(
+            self.channels, size, kernel_init=_KEEPS_VARIANCE, dtype=self.dtype, name="conv"
         )
-        return nn.relu(normalise(train=train, dtype=self.dtype, name="norm")(images))
+        return nn.relu(conv(images))
 
 
-class HalvingConvNorm(nn.Module):
-    """4x4 convolution of stride 2, BatchNorm, ReLU.
+class HalvingConvRelu(nn.Module):
+    """4x4 convolution of stride 2, ReLU.
 
     The kernel is even: an output pixel stands in the middle of its 2x2 input pixels, so that the
     half-size grid is not displaced by half a pixel.
@@ -104,22 +112,22 @@ class HalvingConvNorm(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, images: Float[Array, "n h w c"], *, train: bool) -> Float[Array, "n i j k"]:
-        """Convolve, normalise, rectify; height and width must be even."""
-        images = nn.Conv(
+    def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n i j k"]:
+        """Convolve, rectify; height and width must be even."""
+        conv = nn.Conv(
             self.channels,
             (4, 4),
             strides=2,
             padding=((1, 1), (1, 1)),
-            use_bias=False,
+            kernel_init=_KEEPS_VARIANCE,
             dtype=self.dtype,
             name="conv",
-        )(images)
-        return nn.relu(normalise(train=train, dtype=self.dtype, name="norm")(images))
+        )
+        return nn.relu(conv(images))
 
 
-class SeparableVolumeConvNorm(nn.Module):
-    """Convolution of a volume over the image, then over the candidates; BatchNorm, ReLU after each.
+class SeparableVolumeConvRelu(nn.Module):
+    """Convolution of a volume over the image, then over the candidates; ReLU after each.
 
     1x3x3 then 3x1x1: less than half the operations of 3x3x3.
 
@@ -132,13 +140,12 @@ class SeparableVolumeConvNorm(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, volume: Float[Array, "d h w c"], *, train: bool) -> Float[Array, "d h w k"]:
-        """Convolve, normalise, rectify, twice."""
-        volume = ConvNorm(self.channels, dtype=self.dtype, name="planes")(volume, train=train)
+    def __call__(self, volume: Float[Array, "d h w c"]) -> Float[Array, "d h w k"]:
+        """Convolve, rectify, twice."""
+        volume = ConvRelu(self.channels, dtype=self.dtype, name="planes")(volume)
         d, h, w, c = volume.shape
-        along = convolve(self.channels, (3, 1), dtype=self.dtype, name="candidates")
-        volume = along(volume.reshape(1, d, h * w, c)).reshape(d, h, w, self.channels)
-        return nn.relu(normalise(train=train, dtype=self.dtype, name="norm")(volume))
+        along = ConvRelu(self.channels, (3, 1), dtype=self.dtype, name="candidates")
+        return along(volume.reshape(1, d, h * w, c)).reshape(d, h, w, self.channels)
 
 
 def halve(images: Float[Array, "n h w c"]) -> Float[Array, "n i j c"]:

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from occjax.models.config import Hourglass, Planar
 from occjax.models.guide import Gate
 from occjax.models.layers import (
-    ConvNorm,
-    SeparableVolumeConvNorm,
+    ConvRelu,
+    SeparableVolumeConvRelu,
     VolumeConv,
     convolve,
     double,
@@ -38,15 +38,13 @@ class HourglassAggregation(nn.Module):
         self,
         volume: Float[Array, "d h w c"],
         guide: list[Float[Array, "1 _ _ _"]],
-        *,
-        train: bool,
     ) -> Float[Array, "d h w"]:
         """Scores; the higher, the likelier the candidate."""
         widths = self.config.widths
 
         def block(x, level, name):
-            layer = SeparableVolumeConvNorm(widths[level], dtype=self.dtype, name=name)
-            return layer(x, train=train)
+            layer = SeparableVolumeConvRelu(widths[level], dtype=self.dtype, name=name)
+            return layer(x)
 
         x = block(volume.astype(self.dtype), 0, "enter")
         levels = [Gate(dtype=self.dtype, name="gate_0")(x, guide[0])]
@@ -77,13 +75,13 @@ class PlanarAggregation(nn.Module):
 
     @nn.compact
     def __call__(
-        self, image: Float[Array, "h w c"], guide: list[Float[Array, "1 _ _ _"]], *, train: bool
+        self, image: Float[Array, "h w c"], guide: list[Float[Array, "1 _ _ _"]]
     ) -> Float[Array, "1 h w k"]:
         """Features ``[1, h, w, widths[0]]``."""
         widths = self.config.widths
 
         def block(x, level, name, size=3):
-            return ConvNorm(widths[level], size, dtype=self.dtype, name=name)(x, train=train)
+            return ConvRelu(widths[level], size, dtype=self.dtype, name=name)(x)
 
         x = block(image[None].astype(self.dtype), 0, "enter", size=1)
         levels = [block(x, 0, "level_0")]

@@ -9,7 +9,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from occjax.models.config import RefinementConfig
-from occjax.models.layers import ConvNorm
+from occjax.models.layers import ConvRelu
 from occjax.models.upsampling import neighbours
 from occjax.ops.sectors import SECTORS, SectorSteps
 
@@ -40,8 +40,6 @@ class SectorRefinement(nn.Module):
         steps: list[SectorSteps],
         planes: Float[Array, "h w"],
         features: Float[Array, "1 h w c"],
-        *,
-        train: bool,
     ) -> Float[Array, "h w"]:
         """Refined disparity.
 
@@ -50,7 +48,6 @@ class SectorRefinement(nn.Module):
             steps: Of all sectors, for each kind of image that views are compared by.
             planes: ``[h, w]`` disparity of planes fitted to those steps.
             features: ``[1, h, w, c]`` of the stage before.
-            train: Normalise by batch statistics.
 
         Returns:
             ``[h, w]``.
@@ -58,8 +55,8 @@ class SectorRefinement(nn.Module):
         moves = self._bounded(planes - disparity)[None]
         known = jnp.concatenate([moves, *map(self._known, steps)])
         x = jnp.concatenate([jnp.moveaxis(known, 0, -1)[None].astype(self.dtype), features], -1)
-        x = ConvNorm(self.config.width, dtype=self.dtype, name="hidden_0")(x, train=train)
-        x = ConvNorm(self.config.width, dtype=self.dtype, name="hidden_1")(x, train=train)
+        x = ConvRelu(self.config.width, dtype=self.dtype, name="hidden_0")(x)
+        x = ConvRelu(self.config.width, dtype=self.dtype, name="hidden_1")(x)
 
         def decide(count, name):
             layer = nn.Conv(

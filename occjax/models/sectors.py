@@ -91,8 +91,6 @@ class SectorCascade(nn.Module):
         views: Float[Array, "v u h w"],
         offsets: Float[Array, "v u 2"],
         candidates: Float[Array, " d"] | None,
-        *,
-        train: bool,
     ) -> tuple[StageOutput, ...]:
         """Estimate disparity, stage by stage.
 
@@ -101,7 +99,6 @@ class SectorCascade(nn.Module):
             offsets: ``[v, u, 2]`` of the views from the centre view, in view steps.
             candidates: ``[d]`` disparities of the first stage; the configured ones, scaled to the
                 largest offset, if None.
-            train: Normalise by batch statistics.
 
         Returns:
             One output per stage, and one of the last refinement.
@@ -120,26 +117,24 @@ class SectorCascade(nn.Module):
         centre = views[views.shape[0] // 2, views.shape[1] // 2]
 
         first, *others = self.config.stages
-        output, guide = self._coarse(first, views, centre, offsets, candidates, train)
+        output, guide = self._coarse(first, views, centre, offsets, candidates)
         outputs = [output]
         for index, stage in enumerate(others, start=1):
             before = jax.lax.stop_gradient(outputs[-1].disparity)
             for _ in range(stage.plane_steps):
                 before = _planes(_steps(images, before, offsets), images, before, centre)
-            output, features = self._refined(
-                index, stage, images, centre, offsets, before, guide, train
-            )
+            output, features = self._refined(index, stage, images, centre, offsets, before, guide)
             outputs.append(output)
         if self.config.refinement is not None:
             before = jax.lax.stop_gradient(outputs[-1].disparity)
             steps = _steps(images, before, offsets)
             planes = _planes(steps, images, before, centre)
             refine = SectorRefinement(self.config.refinement, dtype=self.dtype, name="refinement")
-            disparity = refine(before, steps, planes, features, train=train)
+            disparity = refine(before, steps, planes, features)
             outputs.append(StageOutput(disparity, None, None))
         return tuple(_unscaled(output, scale, height, width) for output in outputs)
 
-    def _coarse(self, stage: StageConfig, views, centre, offsets, candidates, train):
+    def _coarse(self, stage: StageConfig, views, centre, offsets, candidates):
         hourglass = of_kind(stage.aggregation, Hourglass)
         prior = of_kind(stage.semi_global, SemiGlobalConfig)
         compared = of_kind(self.config.features, DerivativeFeatures)
@@ -150,10 +145,10 @@ class SectorCascade(nn.Module):
         smooth = smooth - smooth.min(0, keepdims=True)
         volume = jnp.concatenate([relative, jnp.minimum(smooth, 2.0)[None]])
         guide = Guide(hourglass.widths, dtype=self.dtype, name="guide")(
-            centre, jnp.moveaxis(level, 0, -1), train=train
+            centre, jnp.moveaxis(level, 0, -1)
         )
         aggregate = HourglassAggregation(hourglass, dtype=self.dtype, name="stage_0")
-        learned = aggregate(jnp.moveaxis(volume, 0, -1), guide, train=train)
+        learned = aggregate(jnp.moveaxis(volume, 0, -1), guide)
         start = nn.initializers.constant(-math.log(prior.temperature))
         sharpness = jnp.exp(self.param("semi_global_sharpness", start, ()))
         output = stage_output(learned - sharpness * smooth, candidates, window=stage.window)
@@ -161,10 +156,10 @@ class SectorCascade(nn.Module):
         probabilities = of_kind(output.probabilities, jax.Array)
         deviation = jnp.sqrt((probabilities * squares).sum(0) + 1e-6)
         upsample = ConvexUpsampling(dtype=self.dtype, name="upsampling")
-        fine = upsample(output.disparity, deviation, guide[0], train=train)
+        fine = upsample(output.disparity, deviation, guide[0])
         return output._replace(disparity=fine), guide
 
-    def _refined(self, index, stage: StageConfig, images, centre, offsets, before, guide, train):
+    def _refined(self, index, stage: StageConfig, images, centre, offsets, before, guide):
         residuals = jnp.asarray(stage.candidates, jnp.float32)
         known = [(centre - 0.5)[None], jnp.stack(central_differences(before))]
         for image in images:
@@ -177,7 +172,7 @@ class SectorCascade(nn.Module):
         aggregate = PlanarAggregation(
             of_kind(stage.aggregation, Planar), dtype=self.dtype, name=f"stage_{index}"
         )
-        features = aggregate(volume, guide, train=train)
+        features = aggregate(volume, guide)
         score = nn.Conv(
             len(residuals),
             (3, 3),

@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.models.layers import ConvNorm
+from occjax.models.layers import ConvRelu
 
 
 def _bilinear_weights() -> np.ndarray:
@@ -42,8 +42,6 @@ class ConvexUpsampling(nn.Module):
         disparity: Float[Array, "h w"],
         deviation: Float[Array, "h w"],
         guide: Float[Array, "1 h w g"],
-        *,
-        train: bool,
     ) -> Float[Array, "i j"]:
         """Disparity at twice the resolution.
 
@@ -51,7 +49,6 @@ class ConvexUpsampling(nn.Module):
             disparity: ``[h, w]``, pixels of the full resolution per view step.
             deviation: ``[h, w]`` standard deviation over the candidates.
             guide: ``[1, h, w, g]`` features of the centre view.
-            train: Normalise by batch statistics.
 
         Returns:
             ``[2 h, 2 w]``.
@@ -59,8 +56,9 @@ class ConvexUpsampling(nn.Module):
         h, w = disparity.shape
         known = jnp.stack([disparity, jnp.log(deviation + 0.03)], axis=-1)[None]
         x = jnp.concatenate([guide, jax.lax.stop_gradient(known).astype(self.dtype)], axis=-1)
-        x = ConvNorm(self.width, dtype=self.dtype, name="hidden")(x, train=train)
-        weights = nn.Conv(9 * 4, (1, 1), dtype=self.dtype, name="weights")(x)[0]
+        x = ConvRelu(self.width, dtype=self.dtype, name="hidden")(x)
+        zeros = nn.initializers.zeros
+        weights = nn.Conv(36, (1, 1), kernel_init=zeros, dtype=self.dtype, name="weights")(x)[0]
         weights = (
             weights.astype(jnp.float32).reshape(h, w, 9, 2, 2) + jnp.log(_BILINEAR)[None, None]
         )

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 from occjax.errors import InputError
 from occjax.models.config import NetworkConfig
 
-Penalty = Literal["l1", "huber", "sharp"]
+Penalty = Literal["l1", "huber", "sharp", "log"]
 RateSchedule = Literal["constant", "cosine", "halving"]
 Precision = Literal["float32", "bfloat16"]
 
@@ -39,8 +39,9 @@ class LossConfig:
 
     Attributes:
         penalty: Of a disparity's error: ``"l1"`` as in the paper, ``"huber"`` (gentler where it is
-            small) or ``"sharp"`` (stricter there); see :func:`occjax.training.losses.penalty`.
-        width: Error at which the latter two turn into L1, pixels per view step.
+            small), ``"sharp"`` (stricter there) or ``"log"`` (lenient where it is large); see
+            :func:`occjax.training.losses.penalty`.
+        width: Error at which the latter three change their slope, pixels per view step.
         stage_weights: Weight of each output of the cascade; none means 1 for each, as in the paper.
         distribution: Weight of the cross-entropy between each stage's probabilities and the ground
             truth.

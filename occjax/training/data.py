@@ -35,8 +35,8 @@ class DataConfig:
             wants a GPU.
         scenes: The distribution that procedural light fields are drawn from.
         photographs: Whether some of their textures are photographs (needs scikit-image).
-        pool: Folder of procedural light fields that were rendered before.
-        pool_share: Of light fields of the pool.
+        pools: Folders of procedural light fields that were rendered before.
+        pool_share: Of light fields of the pools, all pools alike.
         folders: Scenes with ground truth, or folders of such scenes.
         folder_share: Of patches of these scenes.
         published: Whether patches of scenes are drawn and varied as published, 32x32 pixels;
@@ -52,7 +52,7 @@ class DataConfig:
     procedural_share: float = 1.0
     scenes: SceneConfig = field(default_factory=SceneConfig)
     photographs: bool = False
-    pool: Path | None = None
+    pools: tuple[Path, ...] = ()
     pool_share: float = 1.0
     folders: tuple[Path, ...] = ()
     folder_share: float = 1.0
@@ -82,9 +82,9 @@ def make_source(config: DataConfig, network: NetworkConfig) -> Source:
     parts: dict[Source, float] = {}
     if config.procedural_share > 0.0:
         parts[_procedural(config, size, seed)] = config.procedural_share
-    if config.pool is not None and config.pool_share > 0.0:
-        pooled = pool_source(config.pool, size, seed, augmentation=augmentation, views=views)
-        parts[pooled] = config.pool_share
+    for pool in config.pools if config.pool_share > 0.0 else ():
+        pooled = pool_source(pool, size, seed, augmentation=augmentation, views=views)
+        parts[pooled] = config.pool_share / len(config.pools)
     if config.folders and config.folder_share > 0.0:
         scenes = load_scenes(config.folders, views=views)
         source = (
@@ -95,7 +95,7 @@ def make_source(config: DataConfig, network: NetworkConfig) -> Source:
         parts[source] = config.folder_share
     if not parts:
         raise InputError(
-            "there is no training data; give data.procedural_share, data.pool or data.folders"
+            "there is no training data; give data.procedural_share, data.pools or data.folders"
         )
     source = mixture(parts) if len(parts) > 1 else next(iter(parts))
     if not config.arrangements:

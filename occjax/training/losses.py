@@ -116,13 +116,16 @@ def stage_totals(
 def penalty(
     error: Float[Array, "*shape"], *, kind: Penalty = "l1", width: float = 0.02
 ) -> Float[Array, "*shape"]:
-    """Penalty of an error in disparity; all three have slope 1 far from zero.
+    """Penalty of an error in disparity, about as large as the error itself.
 
     * ``"l1"``: ``|e|``;
     * ``"huber"``: ``e^2 / (2 width)`` up to the width, ``|e| - width / 2`` beyond, also known as
       smooth L1: errors below the width hardly count;
     * ``"sharp"``: ``|e| + 5 width log(1 + |e| / width)``, six times as steep at zero: errors below
-      the width count most, as they do in BadPix.
+      the width count most, as they do in BadPix;
+    * ``"log"``: the second term of ``"sharp"`` alone: errors far beyond the width count as bad and
+      little more. Where nothing shows the disparity, no step can mend an error of several pixels,
+      whose gradient then is noise.
 
     Args:
         error: Estimate minus truth, pixels per view step.
@@ -137,11 +140,12 @@ def penalty(
         [0.125, 1.5]
     """
     size = jnp.abs(error)
+    if kind == "l1":
+        return size
     if kind == "huber":
         return optax.huber_loss(error, delta=width) / width
-    if kind == "sharp":
-        return size + 5.0 * width * jnp.log1p(size / width)
-    return size
+    steep = 5.0 * width * jnp.log1p(size / width)
+    return size + steep if kind == "sharp" else steep
 
 
 def distribution_error(

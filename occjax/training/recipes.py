@@ -37,14 +37,19 @@ def light() -> Recipe:
     """The light network on procedural light fields.
 
     Command: ``occjax train runs/light --recipe light``; on a CPU from a pool, with
-    ``--data.procedural-share 0 --data.pool FOLDER``.
+    ``--data.procedural-share 0 --data.pools FOLDER``.
     """
-    optimiser = OptimiserConfig(peak_rate=2e-3, warm_up=100, weight_decay=1e-4, clip=1.0)
-    loss = LossConfig(penalty="sharp", distribution=0.3)
-    scenes = SceneConfig(image_size=(144, 144))
+    optimiser = OptimiserConfig(peak_rate=1.5e-3, warm_up=100, weight_decay=1e-4, clip=1.0)
+    loss = LossConfig(penalty="log", width=0.05, distribution=0.3)
+    # The camera's own noise is among the generator's defects.
+    augmentation = AugmentationConfig(
+        crop=(128, 128), contrast=1.4, noise=0.01, noise_probability=0.3
+    )
     return Recipe(
         TrainConfig(preset("light"), loss, optimiser, steps=20_000, ema_decay=0.995),
-        DataConfig(batch_size=4, scenes=scenes, augmentation=AugmentationConfig(crop=(128, 128))),
+        DataConfig(
+            batch_size=4, scenes=SceneConfig(image_size=(144, 144)), augmentation=augmentation
+        ),
     )
 
 

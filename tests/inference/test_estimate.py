@@ -1,6 +1,8 @@
 """Estimators as users call them: ranges, grids, weights, and what they refuse."""
 
 import dataclasses
+import hashlib
+import json
 
 import jax
 import jax.export
@@ -12,7 +14,7 @@ import occjax
 from occjax.errors import InputError
 from occjax.inference import Estimator, estimate
 from occjax.inference.estimate import _compiled
-from occjax.models import preset
+from occjax.models import bundled, preset
 from occjax.models.weights import save_weights
 from tests.reference.variables import random_variables
 from tests.scenes import plane
@@ -20,7 +22,7 @@ from tests.scenes import plane
 
 @pytest.fixture(scope="module")
 def photometric():
-    return Estimator()
+    return Estimator("photometric")
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +42,26 @@ def light_estimator(tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "light.safetensors"
     save_weights(path, random_variables(preset("light_small")), preset("light_small"))
     return Estimator(weights=path)
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package with random weights of given presets."""
+
+    def fill(*names):
+        entries = []
+        for name in names:
+            config = preset(name)
+            save_weights(tmp_path / f"{name}.safetensors", random_variables(config), config)
+            data = (tmp_path / f"{name}.safetensors").read_bytes()
+            digest = hashlib.sha256(data).hexdigest()
+            entries.append({"name": name, "summary": "for tests", "sha256": digest})
+        (tmp_path / "index.json").write_text(json.dumps(entries))
+
+    monkeypatch.setattr(bundled, "FOLDER", tmp_path)
+    bundled.bundled_weights.cache_clear()
+    yield fill
+    bundled.bundled_weights.cache_clear()
 
 
 def interior_error(result, light_field):
@@ -163,6 +185,24 @@ def test_the_function_is_the_estimator(photometric):
     again = photometric(light_field, disparity_range=(-1.0, 2.0))
     np.testing.assert_array_equal(result.disparity, again.disparity)
     assert occjax.estimate is estimate
+
+
+def test_the_first_weights_of_the_package_are_the_default(package):
+    package("light_small", "tiny")
+    assert Estimator().model == "light_small"
+    assert Estimator("tiny").weights == "tiny.safetensors"
+    assert Estimator("photometric").weights is None
+
+
+def test_without_weights_in_the_package_the_default_needs_none(package):
+    package()
+    assert Estimator().model == "photometric"
+
+
+def test_a_network_of_any_views_has_no_other_warp(package):
+    package("light_small")
+    with pytest.raises(InputError, match="no choice of warp"):
+        Estimator(warp="transposed")
 
 
 def _changed(light_field, row, column):

@@ -11,7 +11,7 @@ import pytest
 from occjax.models import OccCasNet, StageConfig, preset
 from occjax.models.config import Residual
 from occjax.models.description import config_from_json, config_to_json
-from occjax.models.layers import HalvingConvNorm, SeparableVolumeConvNorm, double, halve
+from occjax.models.layers import HalvingConvRelu, SeparableVolumeConvRelu, double, halve
 from occjax.models.refinement import SectorRefinement
 from occjax.models.stages import stage_output
 from occjax.models.upsampling import ConvexUpsampling, neighbours
@@ -108,29 +108,28 @@ def test_what_is_fifty_pixels_away_matters():
 
 def test_half_and_full_grid_have_a_common_middle():
     """A flipped image gives flipped features: no grid is displaced by half a pixel."""
-    layer = HalvingConvNorm(3)
+    layer = HalvingConvRelu(3)
     image = _views(1, 12, 8, 2)
-    weights = layer.init(jax.random.key(0), image, train=False)
+    weights = layer.init(jax.random.key(0), image)
     kernel = weights["params"]["conv"]["kernel"]
     weights["params"]["conv"]["kernel"] = kernel + kernel[::-1]  # symmetric
-    result = layer.apply(weights, image, train=False)
+    result = layer.apply(weights, image)
     assert result.shape == (1, 6, 4, 3)
-    flipped = layer.apply(weights, image[:, ::-1], train=False)
+    flipped = layer.apply(weights, image[:, ::-1])
     np.testing.assert_allclose(flipped, result[:, ::-1], atol=1e-6)
 
 
 def test_separable_convolution_is_one_over_the_image_then_one_over_the_candidates():
     volume = np.random.default_rng(0).normal(size=(4, 5, 6, 2)).astype(np.float32)
-    layer = SeparableVolumeConvNorm(3)
-    variables = layer.init(jax.random.key(0), jnp.asarray(volume), train=False)
+    layer = SeparableVolumeConvRelu(3)
+    variables = layer.init(jax.random.key(0), jnp.asarray(volume))
     planes = np.zeros((3, 3, 3, 2, 3))
     planes[1] = variables["params"]["planes"]["conv"]["kernel"]
     candidates = np.zeros((3, 3, 3, 3, 3))
-    candidates[:, 1, 1] = variables["params"]["candidates"]["kernel"][:, 0]
-    normalised = 1 / np.sqrt(1 + 1e-3)  # BatchNorm that has seen nothing
-    inner = np.maximum(convolve_by_loops(volume, planes) * normalised, 0)
-    expected = np.maximum(convolve_by_loops(inner, candidates) * normalised, 0)
-    result = layer.apply(variables, jnp.asarray(volume), train=False)
+    candidates[:, 1, 1] = variables["params"]["candidates"]["conv"]["kernel"][:, 0]
+    inner = np.maximum(convolve_by_loops(volume, planes), 0)
+    expected = np.maximum(convolve_by_loops(inner, candidates), 0)
+    result = layer.apply(variables, jnp.asarray(volume))
     np.testing.assert_allclose(result, expected, atol=1e-5)
 
 
@@ -144,7 +143,7 @@ def test_upsampled_disparity_stays_between_its_neighbours():
     disparity, guide = _views(6, 8), _views(1, 6, 8, 4, seed=1)
     layer = ConvexUpsampling()
     arguments = (disparity, jnp.ones((6, 8)), guide)
-    result, _ = layer.init_with_output(jax.random.key(0), *arguments, train=False)
+    result, _ = layer.init_with_output(jax.random.key(0), *arguments)
     assert result.shape == (12, 16)
     around = np.repeat(np.repeat(np.asarray(neighbours(disparity)), 2, 1), 2, 2)
     assert (result >= around.min(0) - 1e-6).all()
@@ -165,8 +164,8 @@ def test_the_refinement_moves_by_no_more_than_its_bounds():
     layer = SectorRefinement(config)
     disparity = jnp.full((5, 6), 2.0)
     arguments = (disparity, steps, disparity + 0.1, _views(1, 5, 6, 4))
-    weights = layer.init(jax.random.key(0), *arguments, train=False)
-    moved = layer.apply(weights, *arguments, train=False) - disparity
+    weights = layer.init(jax.random.key(0), *arguments)
+    moved = layer.apply(weights, *arguments) - disparity
     assert np.abs(moved).max() <= config.largest_step + 1e-6
     assert np.abs(moved).min() > 0
     # Before training a third each of nothing, the planes, and the sectors' damped step.

@@ -95,6 +95,16 @@ def test_sharp_is_steepest_at_zero():
     np.testing.assert_allclose([slope(1e-7), slope(-1e-7), slope(1e3)], [6.0, -6.0, 1.0], rtol=1e-3)
 
 
+def test_log_is_steep_at_zero_and_flat_far_away():
+    error = jnp.array([0.0, 0.02, -0.02, 1.0])
+    expected = [0.0, *[0.1 * np.log(2.0)] * 2, 0.1 * np.log(51.0)]
+    np.testing.assert_allclose(penalty(error, kind="log", width=0.02), expected, rtol=1e-6)
+    slope = jax.grad(lambda e: penalty(e, kind="log", width=0.02))
+    np.testing.assert_allclose(
+        [slope(1e-7), slope(-0.02), slope(4.98)], [5.0, -2.5, 0.02], rtol=1e-3
+    )
+
+
 def test_stage_weights_scale_whole_stages():
     outputs, sample = two_stages()
     config = LossConfig(stage_weights=(0.25, 2.0), distribution=0.5)
@@ -237,6 +247,7 @@ def test_derivatives_of_the_penalties():
     assert_derivatives(lambda e: penalty(e, kind="l1"), error)
     assert_derivatives(lambda e: penalty(e, kind="huber", width=0.1), error)
     assert_derivatives(lambda e: penalty(e, kind="sharp", width=0.1), error)
+    assert_derivatives(lambda e: penalty(e, kind="log", width=0.1), error)
 
 
 @pytest.mark.usefixtures("x64")

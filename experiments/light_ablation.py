@@ -1,0 +1,235 @@
+"""What matters in the light network, its loss and the light fields it is trained on.
+
+    python -m experiments.light_ablation runs/ablation --validate SCENE...
+    python -m experiments.light_ablation FOLDER --small            (minutes, for the test)
+
+Every row is one change to the same short training on small patches, with its own pool of light
+fields where the change is to them. The first rows differ in the seed alone: smaller differences
+than theirs mean nothing. Cost: about ten minutes a row on two cores, most of it training; rows that
+are done are kept, and one that was interrupted goes on. The table is printed, and committed in
+``docs/training.md``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from occjax.data.photographs import load_photographs
+from occjax.data.pool import render_pool
+from occjax.data.scene_config import Defects, Outlines, Textures
+from occjax.models import preset
+from occjax.training import (
+    Recipe,
+    RunConfig,
+    Scene,
+    make_source,
+    read_log,
+    recipe,
+    scenes_from_folders,
+    train,
+)
+from occjax.training.data import validation_scenes
+
+Change = Callable[[Recipe], Recipe]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How large the trainings are.
+
+    Attributes:
+        steps: Steps of each.
+        pool: Light fields of each.
+        patch: Side of their patches, in pixels.
+        batch: Patches in a step.
+        held_out: Procedural light fields of the unchanged kind to validate on.
+        preset: The network that is changed.
+    """
+
+    steps: int = 400
+    pool: int = 300
+    patch: int = 64
+    batch: int = 4
+    held_out: int = 8
+    preset: str = "light"
+
+
+SMALL = Scale(steps=2, pool=2, patch=32, batch=1, held_out=1, preset="light_small")
+
+
+def scenes(**changes: Any) -> Change:
+    """Change the distribution of the light fields."""
+    return lambda base: replace(
+        base, data=replace(base.data, scenes=replace(base.data.scenes, **changes))
+    )
+
+
+def loss(**changes: Any) -> Change:
+    """Change what is minimised."""
+    return lambda base: replace(
+        base, train=replace(base.train, loss=replace(base.train.loss, **changes))
+    )
+
+
+def network(**changes: Any) -> Change:
+    """Change the network as a whole."""
+    return lambda base: replace(
+        base, train=replace(base.train, network=replace(base.train.network, **changes))
+    )
+
+
+def refined_stage(**changes: Any) -> Change:
+    """Change the network's second stage."""
+
+    def change(base: Recipe) -> Recipe:
+        coarse, refined = base.train.network.stages
+        return network(stages=(coarse, replace(refined, **changes)))(base)
+
+    return change
+
+
+def seed(number: int) -> Change:
+    """Other first weights, another order of the light fields."""
+    return lambda base: replace(
+        base, train=replace(base.train, seed=number), data=replace(base.data, seed=number)
+    )
+
+
+_EVEN_LIGHT = {"shading": 0.0, "shadows": 0.0, "creases": 0.0}
+
+ROWS: Mapping[str, Change] = {
+    "as it is": lambda base: base,
+    "another seed": seed(1),
+    "a third seed": seed(2),
+    # Light fields
+    "no photographs": scenes(photographs=0.0),
+    "noise as the only texture": scenes(
+        photographs=0.0, textures=Textures(1.0, *[0.0] * (len(dataclasses.fields(Textures)) - 1))
+    ),
+    "no weak or missing texture": scenes(low_contrast=0.0, textureless=0.0, calm=0.0, similar=0.0),
+    "no highlights, no reflections": scenes(highlights=0.0, reflections=0.0),
+    "no shading, shadows, creases": scenes(**_EVEN_LIGHT),
+    "fronto-parallel walls, nothing bent": scenes(slanted=0.0, curved=0.0),
+    "no thin things": scenes(outlines=replace(Outlines(), grids=0.0, wires=0.0, leaves=0.0)),
+    "no faults of the camera": scenes(defects=Defects(*[0.0] * len(dataclasses.fields(Defects)))),
+    "one ray per pixel": scenes(rays=1),
+    # Loss
+    "L1 loss": loss(penalty="l1"),
+    "no distribution loss": loss(distribution=0.0),
+    # Network
+    "no plane steps": refined_stage(plane_steps=0),
+    "no last refinement": network(refinement=None),
+}
+"""Changes to the training, one at a time."""
+
+
+def base_recipe(scale: Scale) -> Recipe:
+    """The light recipe, as short as the ablation needs it."""
+    light = recipe("light")
+    size = scale.patch
+    optimiser = replace(light.train.optimiser, warm_up=min(50, scale.steps // 4))
+    return replace(
+        light,
+        train=replace(
+            light.train, network=preset(scale.preset), optimiser=optimiser, steps=scale.steps
+        ),
+        data=replace(
+            light.data,
+            batch_size=scale.batch,
+            procedural_share=0.0,
+            photographs=True,
+            scenes=replace(light.data.scenes, image_size=(size + 8, size + 8)),
+            augmentation=light.data.augmentation
+            and replace(light.data.augmentation, crop=(size, size)),
+        ),
+    )
+
+
+def run_row(
+    name: str, folder: Path, scale: Scale, validation: Sequence[Scene]
+) -> Mapping[str, float]:
+    """Train one row, unless it is done, and read its scores.
+
+    Args:
+        name: One of :data:`ROWS`.
+        folder: Of the whole ablation.
+        scale: How large the trainings are.
+        validation: Scenes to score.
+
+    Returns:
+        Scores as :func:`occjax.training.validate` names them.
+    """
+    base = base_recipe(scale)
+    row = ROWS[name](base)
+    same_scenes = row.data.scenes == base.data.scenes
+    pool = folder / "pools" / _slug("as it is" if same_scenes else name)
+    photographs = load_photographs() if row.data.scenes.photographs > 0.0 else None
+    render_pool(pool, scale.pool, row.data.scenes, base.data.seed, photographs=photographs)
+    data = replace(row.data, pools=(pool,))
+    run = RunConfig(validate_every=scale.steps, log_every=50)
+    place = folder / _slug(name)
+    source = make_source(data, row.train.network)
+    train(row.train, source, place, run=run, validation=validation)
+    return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
+
+
+def table(results: Mapping[str, Mapping[str, float]], groups: Mapping[str, list[str]]) -> str:
+    """Mean MSE and BadPix of each group of scenes, as Markdown.
+
+    Args:
+        results: Scores by row.
+        groups: Names of the scenes in each group.
+
+    Returns:
+        The table, with a line feed between its lines.
+    """
+    measures = ("mse_x100", "badpix_0.07", "badpix_0.03")
+    head = [f"{group}: MSE x100 / 0.07 / 0.03" for group in groups]
+    lines = ["| " + " | ".join(["training", *head]) + " |", "|---" * (1 + len(head)) + "|"]
+    for name, scores in results.items():
+        cells = [
+            " / ".join(
+                f"{np.mean([scores[f'{scene}/{measure}'] for scene in names]):.1f}"
+                for measure in measures
+            )
+            for names in groups.values()
+        ]
+        lines.append("| " + " | ".join([name, *cells]) + " |")
+    return "\n".join(lines)
+
+
+def run(
+    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
+    validate: Annotated[
+        tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.", metavar="SCENE")
+    ] = (),
+    rows: Annotated[tuple[str, ...], tyro.conf.arg(help="Which rows; all by default.")] = (),
+    small: Annotated[bool, tyro.conf.arg(help="Two steps of a small network.")] = False,
+) -> dict[str, Mapping[str, float]]:
+    """Train every row, print the table and return the scores by row."""
+    scale = SMALL if small else Scale()
+    base = base_recipe(scale)
+    held_out = validation_scenes(base.data, scale.held_out)
+    given = scenes_from_folders(validate, base.train, views="star")
+    results = {}
+    for name in rows or ROWS:
+        results[name] = run_row(name, folder, scale, [*held_out, *given])
+    groups = {"procedural": [scene.name for scene in held_out]}
+    groups |= {scene.name: [scene.name] for scene in given}
+    print(table(results, groups))
+    return results
+
+
+def _slug(name: str) -> str:
+    return "".join(letter if letter.isalnum() else "_" for letter in name)
+
+
+if __name__ == "__main__":
+    tyro.cli(run)
