@@ -136,7 +136,7 @@ def chosen_views(places: np.ndarray, selection: Selection) -> np.ndarray:
         InputError: If there are no such views, or not one centre view.
 
     Example:
-        >>> places = np.stack(np.indices((1, 4)), axis=-1).reshape(-1, 2) - [0, 2]
+        >>> places = np.array([[0, -2], [0, -1], [0, 0], [0, 1]])
         >>> chosen_views(places, "star").tolist()
         [0, 1, 2, 3]
     """

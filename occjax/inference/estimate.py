@@ -289,12 +289,12 @@ def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
     h, w = disparity.shape
     certainty, deviation = [], None
     for stage in stages:
-        if stage.probabilities is None:
+        if stage.probabilities is None or stage.candidates is None:
             continue
         reading = confidence(stage.probabilities, stage.candidates)
-        readings = (reading.certainty(len(stage.candidates)), reading.standard_deviation)
+        readings = [reading.certainty(len(stage.candidates)), reading.standard_deviation]
         if readings[0].shape != (h, w):
-            readings = tuple(jnp.repeat(jnp.repeat(each, 2, 0), 2, 1)[:h, :w] for each in readings)
+            readings = [jnp.repeat(jnp.repeat(each, 2, 0), 2, 1)[:h, :w] for each in readings]
         certainty.append(readings[0])
         deviation = readings[1]
     return {

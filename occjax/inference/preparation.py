@@ -73,7 +73,7 @@ def for_any_views(
     """
     (low, high), notes = choose_range(light_field, asked)
     v, u = light_field.grid
-    places = np.stack(np.indices((v, u)), axis=-1) - [v // 2, u // 2]
+    places = np.indices((v, u)).transpose(1, 2, 0) - [v // 2, u // 2]
     positions = _positions(light_field)
     offsets = places.astype(np.float32) if positions is None else positions
     looked_at = chosen_views(places.reshape(-1, 2), "star" if positions is None else "all")
