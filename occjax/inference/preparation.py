@@ -12,6 +12,7 @@ from occjax.io import check
 from occjax.lightfield import LightField
 from occjax.models import PRESETS, NetworkConfig
 from occjax.models.config import of_kind
+from occjax.ops import view_offsets
 
 INTERVAL = 0.1
 """Spacing of the photometric candidates, in pixels per view step."""
@@ -60,8 +61,7 @@ def for_any_views(
 ) -> Ready:
     """Grey views, candidates at the network's interval, no truth, offsets, views to look at.
 
-    Of a grid the network looks at the centre view's row, column and diagonals, as in training:
-    the other views hardly add to them, and cost as much.
+    Of a grid the network looks at the centre view's row, column and diagonals, as in training.
 
     Args:
         light_field: Views and what is known about them.
@@ -72,10 +72,9 @@ def for_any_views(
         InputError: If there is but one view, or the range is too wide.
     """
     (low, high), notes = choose_range(light_field, asked)
-    v, u = light_field.grid
-    places = np.indices((v, u)).transpose(1, 2, 0) - [v // 2, u // 2]
+    places = np.asarray(view_offsets(*light_field.grid))
     positions = _positions(light_field)
-    offsets = places.astype(np.float32) if positions is None else positions
+    offsets = places if positions is None else positions
     looked_at = chosen_views(places.reshape(-1, 2), "star" if positions is None else "all")
     farthest = float(np.abs(offsets).max())
     if farthest == 0:

@@ -116,7 +116,7 @@ def stage_totals(
 def penalty(
     error: Float[Array, "*shape"], *, kind: Penalty = "l1", width: float = 0.02
 ) -> Float[Array, "*shape"]:
-    """Penalty of an error in disparity, about as large as the error itself.
+    """Penalty of an error in disparity.
 
     * ``"l1"``: ``|e|``;
     * ``"huber"``: ``e^2 / (2 width)`` up to the width, ``|e| - width / 2`` beyond, also known as
