@@ -286,17 +286,13 @@ def _run_on_some_views(
 def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
     """What an estimate has, of a network's stages."""
     disparity = stages[-1].disparity
-    h, w = disparity.shape
     certainty, deviation = [], None
     for stage in stages:
         if stage.probabilities is None or stage.candidates is None:
             continue
         reading = confidence(stage.probabilities, stage.candidates)
-        readings = [reading.certainty(len(stage.candidates)), reading.standard_deviation]
-        if readings[0].shape != (h, w):
-            readings = [jnp.repeat(jnp.repeat(each, 2, 0), 2, 1)[:h, :w] for each in readings]
-        certainty.append(readings[0])
-        deviation = readings[1]
+        certainty.append(reading.certainty(len(stage.candidates)))
+        deviation = reading.standard_deviation
     return {
         "disparity": disparity,
         # A refined stage cannot know that the stage before chose the wrong surface: the least

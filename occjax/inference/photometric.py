@@ -26,6 +26,7 @@ from occjax.lightfield import GREY_WEIGHTS
 from occjax.ops import (
     aperture_costs,
     central_differences,
+    cheapest,
     confidence,
     median_filter,
     noise_level,
@@ -33,10 +34,8 @@ from occjax.ops import (
     refine_disparity,
     semi_global,
 )
+from occjax.ops.brightness import WHITE, vignetted, white_level
 from occjax.ops.sampling import as_images
-
-WHITE = 0.8
-"""Grey of the 99th percentile of the centre view while views are compared."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def photometric(
     dtype = jnp.float64 if views.dtype == jnp.float64 else jnp.float32
     views, candidates = views.astype(dtype), jnp.sort(candidates.astype(dtype))
     original = _grey(views)
-    grey = original * (WHITE / _white(original[v // 2, u // 2]))
+    grey = original * (WHITE / white_level(original[v // 2, u // 2]))
     centre = grey[v // 2, u // 2]
     truncation = jnp.array(
         [config.grey_truncation, config.gradient_truncation, config.gradient_truncation], dtype
@@ -149,7 +148,7 @@ def photometric(
     costs = aperture_costs(
         features, candidates, truncation=truncation, noise=noise, offsets=offsets
     )
-    costs = jnp.where(_vignetted(centre, config.darkness), 0.0, costs)
+    costs = jnp.where(vignetted(centre, config.darkness), 0.0, costs)
     spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
     costs = semi_global(
         costs,
@@ -176,54 +175,10 @@ def photometric(
     return PhotometricResult(disparity, certainty, spread.standard_deviation, occlusion, coarse)
 
 
-def cheapest(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Float[Array, "h w"]:
-    """Disparity of least cost, between the candidates by a parabola through the three around it.
-
-    Args:
-        costs: ``[d, h, w]`` costs, d at least 3.
-        candidates: ``[d]`` evenly spaced disparities.
-
-    Returns:
-        ``[h, w]`` disparity; at most half a spacing from the cheapest candidate.
-    """
-    index = jnp.clip(costs.argmin(0), 1, len(candidates) - 2)
-    before, here, after = (
-        jnp.take_along_axis(costs, (index + step)[None], axis=0)[0] for step in (-1, 0, 1)
-    )
-    curvature = before - 2 * here + after
-    curved = curvature > 1e-9
-    vertex = jnp.where(curved, (before - after) / (2 * jnp.where(curved, curvature, 1.0)), 0.0)
-    spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
-    # At the ends of the range the cheapest candidate is not the middle one: up to one step away.
-    at_end = costs.argmin(0) != index
-    limit = jnp.where(at_end, 1.0, 0.5)
-    return candidates[index] + jnp.clip(vertex, -limit, limit) * spacing
-
-
 def _grey(views: Array) -> Array:
     if views.shape[-1] == 1:
         return views[..., 0]
     return jnp.tensordot(views, jnp.array(GREY_WEIGHTS, views.dtype), 1, precision="highest")
-
-
-def _white(centre: Array) -> Array:
-    """What counts as white: the 99th percentile of grey, unless nearly all of the view is black."""
-    return jnp.maximum(jnp.maximum(jnp.quantile(centre, 0.99), centre.max() / 100), 1e-9)
-
-
-def _vignetted(centre: Array, darkness: float) -> Array:
-    """``[h, w]`` where all is dark up to a side of the image.
-
-    Dark objects within the image do not count: their outline tells their disparity, while that of a
-    vignette is no part of the scene.
-    """
-    dark = (centre <= darkness).astype(jnp.int32)
-    to_sides = [
-        jax.lax.cummin(dark, axis=axis, reverse=reverse)
-        for axis in (0, 1)
-        for reverse in (False, True)
-    ]
-    return jnp.stack(to_sides).max(0) > 0
 
 
 def _grey_and_gradients(grey: Array) -> Array:

@@ -47,15 +47,16 @@ class FeatureConfig:
 
 @dataclass(frozen=True)
 class DerivativeFeatures:
-    """Features that are not learned: grey and its two derivatives, at half the resolution.
+    """Features that are not learned: grey and its two derivatives.
 
     Attributes:
-        grey_truncation: Grey difference between views that counts as "something else".
-        derivative_truncation: The same of a derivative, per pixel of half the resolution.
+        grey_truncation: Grey difference between views that counts as "something else", where the
+            99th percentile of the centre view is 0.8.
+        derivative_truncation: The same of a derivative, per pixel.
     """
 
     grey_truncation: float = 0.02
-    derivative_truncation: float = 0.006
+    derivative_truncation: float = 0.004
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class SemiGlobalConfig:
         edge: Grey difference between neighbouring pixels over which a depth edge becomes cheaper by
             a factor e.
         temperature: Difference of cost over which a candidate becomes less probable by a factor e,
-            before training.
+            unless what is learned corrects it.
     """
 
     smoothness: float = 0.6
@@ -99,8 +100,8 @@ class Residual:
 class Hourglass:
     """Aggregation by 3-D convolutions at several resolutions, guided by the centre view.
 
-    Each level halves height and width, never the candidates, so that candidates of any number and
-    range can be aggregated.
+    The finest level has a quarter of the image's resolution. Each level halves height and width,
+    never the candidates, so that candidates of any number and range can be aggregated.
 
     Attributes:
         widths: Channels of each level, the finest first.
@@ -123,11 +124,11 @@ class Planar:
         convolutions: As those of :class:`Hourglass`.
     """
 
-    widths: tuple[int, ...] = (32, 48, 64, 64)
+    widths: tuple[int, ...] = (32, 48, 64, 64, 64)
     convolutions: int = 2
 
 
-AggregationConfig = Residual | Hourglass | Planar
+AggregationConfig = Residual | Hourglass | Planar | None
 
 
 @dataclass(frozen=True)
@@ -152,15 +153,19 @@ class StageConfig:
             pixels per view step.
         volume: ``"concatenate"`` the features of all views (eqs. 2, 3 and 8), or costs in eight
             ``"sectors"`` of the aperture (:mod:`occjax.ops.sectors`), for any arrangement of views.
-        aggregation: From the volume to a score for each candidate.
+        aggregation: From the volume to a score for each candidate; None for a first volume of
+            sectors whose semi-global aggregation nothing corrects.
         occlusion: Disparity from which occlusion weights are made: none (no weights), that of the
             stage before (``"coarse"``), or the ground truth (the paper's upper bound).
         attention: Weight each view by channel attention.
         semi_global: What a first volume of sectors is aggregated by before the convolutions.
-        plane_steps: Gauss-Newton steps, with planes fitted to each, before a refined volume of
+        plane_steps: Lucas-Kanade steps, with planes fitted to each, before a refined volume of
             sectors.
-        window: Candidates on each side of the likeliest one over which disparity is averaged, so
-            that two surfaces are not; all by default (eq. 10).
+        neighbours: For a refined volume of sectors, how far away, ``(rows, columns)``, are the
+            pixels whose disparity is a candidate too: across an edge it is the right one (the
+            propagation of PatchMatch stereo, Bleyer et al., BMVC 2011).
+        window: Distance from the likeliest candidate, in intervals of the candidates, within which
+            candidates are averaged, so that two surfaces are not; all by default (eq. 10).
     """
 
     candidates: tuple[float, ...]
@@ -170,7 +175,8 @@ class StageConfig:
     attention: bool = True
     semi_global: SemiGlobalConfig | None = None
     plane_steps: int = 0
-    window: int | None = None
+    neighbours: tuple[tuple[int, int], ...] = ()
+    window: float | None = None
 
     def __post_init__(self) -> None:
         """Take candidates of any sequence; refuse what cannot be built."""
@@ -180,12 +186,16 @@ class StageConfig:
         _one_of("volume", self.volume, VolumeKind)
         _one_of("occlusion", self.occlusion, OcclusionSource)
         sectors = self.volume == "sectors"
-        if sectors == isinstance(self.aggregation, Residual):
+        if sectors == isinstance(self.aggregation, Residual) or (
+            self.aggregation is None and self.semi_global is None
+        ):
             raise ValueError(
                 "a volume of sectors is aggregated by Hourglass or Planar, no other is"
             )
         if sectors and (self.attention or self.occlusion == "ground_truth"):
             raise ValueError("a volume of sectors has no attention and takes no ground truth")
+        if self.neighbours and not isinstance(self.aggregation, Planar):
+            raise ValueError("neighbours are candidates of refined volumes of sectors alone")
 
 
 @dataclass(frozen=True)
@@ -207,6 +217,8 @@ class NetworkConfig:
         reach: Largest offset of a view, in view steps, to which any arrangement is scaled: views
             twice as far apart show the same scene with half the disparity. For ``views=None``.
         refinement: A last step after the stages, or None.
+        guide_widths: Channels of what guides the aggregations, from a quarter of the resolution of
+            the centre view downwards. For ``views=None``.
     """
 
     stages: tuple[StageConfig, ...]
@@ -218,6 +230,7 @@ class NetworkConfig:
     feature_statistics: FeatureStatistics = "pooled"
     reach: float = 4.0
     refinement: RefinementConfig | None = None
+    guide_widths: tuple[int, ...] = (16, 24, 32, 48)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
@@ -237,8 +250,11 @@ class NetworkConfig:
 
     def _check_any_views(self) -> None:
         kinds = [type(stage.aggregation) for stage in self.stages]
-        if kinds != [Hourglass] + [Planar] * (len(kinds) - 1):
-            raise ValueError("the first volume of sectors needs Hourglass, the others Planar")
+        if kinds[0] is Planar or kinds[1:] != [Planar] * (len(kinds) - 1):
+            raise ValueError("the first volume of sectors needs Hourglass or None, others Planar")
+        hourglass = self.stages[0].aggregation
+        if isinstance(hourglass, Hourglass) and len(hourglass.widths) > len(self.guide_widths):
+            raise ValueError("guide_widths must have as many levels as the Hourglass")
         if not isinstance(self.features, DerivativeFeatures):
             raise ValueError("volumes of sectors compare DerivativeFeatures")
         if [stage.semi_global is None for stage in self.stages] != [False] + [True] * (
@@ -265,12 +281,14 @@ class NetworkConfig:
     @property
     def multiple(self) -> int:
         """Height and width are padded to a multiple of this many pixels."""
+        if self.views is not None:
+            return 1
         levels = [
-            len(stage.aggregation.widths) + (index == 0)
-            for index, stage in enumerate(self.stages)
-            if not isinstance(stage.aggregation, Residual)
+            len(stage.aggregation.widths) - 1
+            for stage in self.stages
+            if isinstance(stage.aggregation, Planar)
         ]
-        return 2 ** (max(levels) - 1) if levels else 1
+        return 2 ** max(len(self.guide_widths) + 1, *levels)
 
 
 def of_kind(value: Any, kind: type[Part]) -> Part:

@@ -14,7 +14,8 @@ class Guide(nn.Module):
     """Features of the centre view at half resolution and below.
 
     Attributes:
-        widths: Channels of each level; level k has 1 / 2^(k + 1) of the resolution.
+        widths: Channels of each level from a quarter of the resolution on; there is one more, as
+            wide as the first, of half the resolution.
         dtype: Type of the computation.
     """
 
@@ -28,21 +29,21 @@ class Guide(nn.Module):
         """Levels of the guide.
 
         Args:
-            centre: ``[h, w]`` grey centre view, multiples of ``2 ** len(widths)`` in size.
-            context: ``[h / 2, w / 2, k]`` what the first volume knows beside the ranking of its
+            centre: ``[h, w]`` grey centre view, multiples of ``2 ** (len(widths) + 1)`` in size.
+            context: ``[h / 4, w / 4, k]`` what the first volume knows beside the ranking of its
                 candidates: how much the views differ at all.
 
         Returns:
-            One ``[1, h / 2^(k + 1), w / 2^(k + 1), widths[k]]`` for each level.
+            Level k is ``[1, h / 2^(k + 1), w / 2^(k + 1), c]``.
         """
-        first, *others = self.widths
         image = (centre - 0.5)[None, :, :, None].astype(self.dtype)
-        x = HalvingConvRelu(first, dtype=self.dtype, name="image")(image)
-        x = jnp.concatenate([x, context[None].astype(self.dtype)], axis=-1)
-        levels = [ConvRelu(first, dtype=self.dtype, name="level_0")(x)]
-        for level, width in enumerate(others, start=1):
-            x = ConvRelu(width, dtype=self.dtype, name=f"level_{level}")(halve(levels[-1]))
-            levels.append(x)
+        x = HalvingConvRelu(self.widths[0], dtype=self.dtype, name="image")(image)
+        levels = [ConvRelu(self.widths[0], dtype=self.dtype, name="level_0")(x)]
+        for level, width in enumerate(self.widths, start=1):
+            x = halve(levels[-1])
+            if level == 1:
+                x = jnp.concatenate([x, context[None].astype(self.dtype)], axis=-1)
+            levels.append(ConvRelu(width, dtype=self.dtype, name=f"level_{level}")(x))
         return levels
 
 

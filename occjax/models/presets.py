@@ -11,7 +11,6 @@ from occjax.errors import InputError
 from occjax.models.config import (
     DerivativeFeatures,
     FeatureConfig,
-    Hourglass,
     NetworkConfig,
     OcclusionSource,
     Planar,
@@ -61,29 +60,39 @@ def _around(interval: float) -> tuple[float, ...]:
     return sampled(-4 * interval, 4 * interval, interval)
 
 
-def _light(hourglass: tuple[int, ...], planar: tuple[int, ...], convolutions: int) -> NetworkConfig:
+_AROUND = (
+    *((-2, 0), (2, 0), (0, -2), (0, 2)),
+    *((-4, -4), (-4, 4), (4, -4), (4, 4)),
+)
+"""Pixels near enough to be on the same surface, some of them beyond a blurred edge."""
+
+
+def _light(guide: tuple[int, ...], planar: tuple[int, ...], convolutions: int) -> NetworkConfig:
     """Volumes of sectors for any arrangement of views, in one size."""
     coarse = StageConfig(
-        sampled(-4.0, 4.0, 1 / 2),
+        sampled(-4.0, 4.0, 1 / 3),
         volume="sectors",
-        aggregation=Hourglass(hourglass, convolutions),
+        aggregation=None,
         attention=False,
         semi_global=SemiGlobalConfig(),
-        window=2,
+        window=1.0,
     )
     refined = StageConfig(
-        _around(1 / 8),
+        sampled(-1 / 4, 1 / 4, 1 / 8),
         volume="sectors",
         aggregation=Planar(planar, convolutions),
         occlusion="coarse",
         attention=False,
-        plane_steps=2,
+        plane_steps=3,
+        neighbours=_AROUND,
+        window=1.0,
     )
     return NetworkConfig(
         (coarse, refined),
         views=None,
         features=DerivativeFeatures(),
         refinement=RefinementConfig(width=planar[0]),
+        guide_widths=guide,
     )
 
 
@@ -113,9 +122,9 @@ PRESETS: Mapping[str, NetworkConfig] = MappingProxyType(
         "lfattnet": NetworkConfig((StageConfig(_COARSE_9, aggregation=_WIDE),)),
         "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), aggregation=_WIDE),)),
         # For any arrangement of views, without a GPU; in three sizes.
-        "light_small": _light((8, 16, 24, 32), (16, 24, 32, 32), 1),
-        "light": _light((16, 24, 32, 48), (24, 32, 48, 48), 2),
-        "light_large": _light((24, 48, 64, 96), (48, 64, 96, 96), 2),
+        "light_small": _light((8, 16, 24, 32), (16, 24, 32, 32, 32), 1),
+        "light": _light((16, 24, 32, 48), (24, 32, 48, 64, 64), 2),
+        "light_large": _light((24, 48, 64, 96), (48, 64, 96, 96, 96), 2),
         # Same structure as the final model, small enough for tests.
         "tiny": NetworkConfig(
             (

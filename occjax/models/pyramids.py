@@ -23,7 +23,7 @@ class HourglassAggregation(nn.Module):
     """3-D convolutions from ``[D, H, W, C]`` to a score ``[D, H, W]``, over several levels.
 
     Untextured regions take their disparity from textured ones far away, up to the edges that the
-    guide shows: at the coarsest of four levels a 3x3 kernel spans 48 pixels of the image.
+    guide shows: at the coarsest of four levels a 3x3 kernel spans 96 pixels of the image.
 
     Attributes:
         config: Widths and depths.

@@ -10,11 +10,15 @@ from jaxtyping import Array, Float
 
 from occjax.models.config import RefinementConfig
 from occjax.models.layers import ConvRelu
-from occjax.models.upsampling import neighbours
+from occjax.ops.filtering import WINDOW, neighbours
 from occjax.ops.sectors import SECTORS, SectorSteps
 
 LEAST_INFORMATION = 1e-6
 """That of a gradient of 0.1 %: a pixel with less has no step of its own."""
+
+
+CERTAIN = 4.5
+"""Score, before training, of what is to be kept as it is."""
 
 
 class SectorRefinement(nn.Module):
@@ -23,7 +27,7 @@ class SectorRefinement(nn.Module):
     The network weighs the sectors (an occluded one counts nothing) and decides how far to trust
     their step at all, ``sum w_s push_s / (sum w_s information_s + lambda)``; then how much to take
     of the disparity as it is, of each kind's step and of the planes; then each pixel becomes a mean
-    of its 3x3 neighbours, plus a small correction. Before training all proposals count alike.
+    of its 3x3 neighbours, plus a small correction. Before training it hardly changes the disparity.
 
     Attributes:
         config: Its settings.
@@ -58,9 +62,14 @@ class SectorRefinement(nn.Module):
         x = ConvRelu(self.config.width, dtype=self.dtype, name="hidden_0")(x)
         x = ConvRelu(self.config.width, dtype=self.dtype, name="hidden_1")(x)
 
-        def decide(count, name):
+        def decide(count, name, start=None):
             layer = nn.Conv(
-                count, (3, 3), kernel_init=nn.initializers.zeros, dtype=self.dtype, name=name
+                count,
+                (3, 3),
+                kernel_init=nn.initializers.zeros,
+                bias_init=first_score(start),
+                dtype=self.dtype,
+                name=name,
             )
             return jnp.moveaxis(layer(x)[0].astype(jnp.float32), -1, 0)
 
@@ -68,12 +77,10 @@ class SectorRefinement(nn.Module):
         for index, kind in enumerate(steps):
             trust = decide(SECTORS + 1, f"trust_{index}")
             options.append(disparity + self._step(trust, kind))
-        shares = jax.nn.softmax(decide(len(options), "choice"), axis=0)
+        shares = jax.nn.softmax(decide(len(options), "choice", start=0), axis=0)
         chosen = (shares * jnp.stack(options)).sum(0)
-        # Begins near the pixel itself: smoothing is learned where it helps.
-        itself = jnp.where(jnp.arange(9) == 4, 3.0, 0.0)[:, None, None]
-        smoothing = jax.nn.softmax(decide(9, "smoothing") + itself, axis=0)
-        return (smoothing * neighbours(chosen)).sum(0) + 0.1 * decide(1, "correction")[0]
+        smoothing = jax.nn.softmax(decide(9, "smoothing", start=WINDOW.index((0, 0))), axis=0)
+        return (smoothing * neighbours(chosen, WINDOW)).sum(0) + 0.1 * decide(1, "correction")[0]
 
     def _bounded(self, step: Float[Array, "*n h w"]) -> Float[Array, "*n h w"]:
         return jnp.clip(step / self.config.largest_step, -1.0, 1.0)
@@ -98,3 +105,10 @@ class SectorRefinement(nn.Module):
         information = (weights * steps.information).sum(0) + damping
         step = (weights * steps.push).sum(0) / information
         return jnp.clip(step, -self.config.largest_step, self.config.largest_step)
+
+
+def first_score(favoured: int | None) -> nn.initializers.Initializer:
+    """Scores before training: one option is favoured, or all are alike."""
+    if favoured is None:
+        return nn.initializers.zeros
+    return lambda key, shape, dtype: jnp.zeros(shape, dtype).at[favoured].set(CERTAIN)

@@ -16,29 +16,29 @@ class StageOutput(NamedTuple):
 
     Attributes:
         disparity: ``[h, w]`` of the centre view, pixels per view step.
-        probabilities: ``[d, h, w]`` of the candidates; ``[d, h / 2, w / 2]`` where the volume has
-            half the resolution; None for a last refinement, which has no candidates.
-        candidates: ``[d]``; added to the disparity of the stage before, if there is one. None for a
-            last refinement.
+        probabilities: ``[d, h, w]`` of the candidates; None for a last refinement, which has no
+            candidates.
+        candidates: ``[d]``, or ``[d, h, w]`` where each pixel has its own; added to the disparity
+            of the stage before, if there is one. None for a last refinement.
         attention: ``[v, u]`` weight of each view, if the stage has attention.
         occlusion: ``[v, u, h, w]`` occlusion maps in [0, 1], if the stage uses them.
     """
 
     disparity: Float[Array, "h w"]
-    probabilities: Float[Array, "d i j"] | None
-    candidates: Float[Array, " d"] | None
+    probabilities: Float[Array, "d h w"] | None
+    candidates: Float[Array, " d"] | Float[Array, "d h w"] | None
     attention: Float[Array, "v u"] | None = None
     occlusion: Float[Array, "v u h w"] | None = None
 
 
 def stage_output(
     scores: Float[Array, "d h w"],
-    candidates: Float[Array, " d"],
+    candidates: Float[Array, " d"] | Float[Array, "d h w"],
     before: Float[Array, "h w"] | None = None,
     attention: Float[Array, "v u"] | None = None,
     occlusion: Float[Array, "v u h w"] | None = None,
     *,
-    window: int | None = None,
+    window: Float[Array, ""] | float | None = None,
 ) -> StageOutput:
     """Regression (eqs. 9 and 10).
 
@@ -46,18 +46,20 @@ def stage_output(
 
     Args:
         scores: ``[d, h, w]``; the higher, the likelier the candidate.
-        candidates: ``[d]``.
+        candidates: ``[d]``, or ``[d, h, w]`` when each pixel has its own.
         before: ``[h, w]`` disparity of the stage before, to which the candidates are added.
         attention: Handed through.
         occlusion: Handed through.
-        window: Average only over this many candidates on each side of the likeliest one.
+        window: Average only over candidates this near to the likeliest one.
     """
     probabilities = jax.nn.softmax(scores, axis=0)
     averaged = probabilities
     if window is not None:
-        index = jnp.arange(len(candidates))[:, None, None]
-        apart = jnp.abs(index - jnp.argmax(probabilities, axis=0, keepdims=True))
-        averaged = jnp.where(apart <= window, probabilities, 0.0)
+        values = candidates if candidates.ndim == 3 else candidates[:, None, None]
+        likeliest = jnp.argmax(probabilities, axis=0, keepdims=True)
+        likeliest = jnp.take_along_axis(jnp.broadcast_to(values, scores.shape), likeliest, axis=0)
+        near = jnp.abs(values - likeliest) <= 1.001 * window  # whatever is lost to rounding
+        averaged = jnp.where(near, probabilities, 0.0)
         averaged = averaged / averaged.sum(0, keepdims=True)
     disparity = expected_disparity(averaged, candidates)
     if before is not None:

@@ -4,21 +4,20 @@ Every function takes arrays without a batch axis and is meant to be vmapped; con
 signs are those of :mod:`occjax.lightfield`.
 """
 
-from occjax.ops.filtering import box_filter, central_differences, fit_planes
+from occjax.ops.aperture import sector_of
+from occjax.ops.filtering import box_filter, central_differences, fit_planes, neighbours
 from occjax.ops.geometry import view_offsets
-from occjax.ops.matching import aperture_costs, semi_global
+from occjax.ops.matching import aperture_costs, sector_sums, semi_global
 from occjax.ops.noise import noise_level
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity
-from occjax.ops.regression import Confidence, confidence, expected_disparity, soft_argmin
+from occjax.ops.regression import Confidence, cheapest, confidence, expected_disparity, soft_argmin
 from occjax.ops.sampling import shift, warp
 from occjax.ops.sectors import (
     SectorCosts,
     SectorSteps,
-    coarse_sector_costs,
     refined_sector_costs,
     sector_channels,
-    sector_of,
     sector_steps,
 )
 from occjax.ops.volume import (
@@ -37,7 +36,7 @@ __all__ = [
     "aperture_costs",
     "box_filter",
     "central_differences",
-    "coarse_sector_costs",
+    "cheapest",
     "coarse_volume",
     "concatenate",
     "confidence",
@@ -46,6 +45,7 @@ __all__ = [
     "group_correlation",
     "mean_and_variance",
     "median_filter",
+    "neighbours",
     "noise_level",
     "occlusion_maps",
     "occlusion_weights",
@@ -55,6 +55,7 @@ __all__ = [
     "sector_channels",
     "sector_of",
     "sector_steps",
+    "sector_sums",
     "semi_global",
     "shift",
     "soft_argmin",

@@ -2,10 +2,13 @@
 
 * :func:`box_filter`: plain means over a square window;
 * :func:`fit_planes`: weighted local planes, which follow slanted surfaces and stop at edges;
-* :func:`central_differences`: derivatives, the opposite of smoothing.
+* :func:`central_differences`: derivatives, the opposite of smoothing;
+* :func:`neighbours`: the values around a pixel, for filters of any other kind.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -51,6 +54,37 @@ def central_differences(
     along_y = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
     along_x = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
     return along_y, along_x
+
+
+WINDOW = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1))
+"""A pixel and its eight neighbours, row by row."""
+
+
+def neighbours(
+    image: Float[Array, "h w"], places: Sequence[tuple[int, int]]
+) -> Float[Array, "n h w"]:
+    """The values some pixels away from each pixel, borders replicated.
+
+    Args:
+        image: ``[h, w]`` map.
+        places: How far away, ``(rows, columns)``.
+
+    Returns:
+        ``[n, h, w]``, one map for each place.
+
+    Example:
+        >>> neighbours(jnp.arange(9.0).reshape(3, 3), [(-1, 0), (1, 1)])[:, 1, 1].tolist()
+        [1.0, 8.0]
+    """
+    h, w = image.shape
+    margin = max((max(abs(row), abs(column)) for row, column in places), default=0)
+    padded = jnp.pad(image, margin, mode="edge")
+    return jnp.stack(
+        [
+            padded[margin + row : margin + row + h, margin + column : margin + column + w]
+            for row, column in places
+        ]
+    )
 
 
 def fit_planes(

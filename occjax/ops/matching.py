@@ -1,7 +1,7 @@
 """Matching without learning: how well the views agree at each disparity candidate.
 
-:func:`aperture_costs` compares the views, :func:`semi_global` carries the costs along
-straight paths across the image.
+:func:`sector_sums` and :func:`aperture_costs` compare the views, :func:`semi_global` carries the
+costs along straight paths across the image.
 
 An occluder hides a point from some views, and it hides it from views on one side together. So the
 views are split into eight sectors by the direction from the centre view, and each pixel takes the
@@ -11,76 +11,71 @@ half) sees past a straight occluding edge, a quarter (three sectors) past a corn
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from occjax.errors import InputError
+from occjax.ops.aperture import SECTORS, views_around
 from occjax.ops.filtering import box_filter
-from occjax.ops.geometry import view_offsets
 from occjax.ops.noise import expected_departure, interpolation_gain
 from occjax.ops.sampling import as_coordinates, as_images
 
 Aperture = Literal["half", "quarter"]
-SECTORS = 8
+T = TypeVar("T")
 
 
-def aperture_costs(
+def sector_sums(
     features: Float[Array, "v u h w c"],
     candidates: Float[Array, " d"],
     *,
     truncation: Float[Array, " c"],
-    aperture: Aperture = "quarter",
+    combine: Callable[[Float[Array, "8 h w"], Float[Array, " 8"]], T],
     noise: Float[Array, " c"] | None = None,
-    radius: int = 1,
     offsets: Float[Array, "v u 2"] | None = None,
-) -> Float[Array, "d h w"]:
-    """Truncated absolute differences to the centre view, over the best part of the aperture.
+) -> T:
+    """Truncated absolute differences to the centre view, summed in each sector of the aperture.
 
     For the view k shifted by candidate d,
-    ``e_k = mean_c min(|feature_k - feature_centre| / truncation_c, 1)``; the cost is the least of
-    the mean of ``e_k`` over all views and its means over the eight parts of the aperture. Borders
-    are replicated. Time is O(v u d h w c); memory is that of the padded features and the result.
+    ``e_k = mean_c min(|feature_k - feature_centre| / truncation_c, 1)``. Borders are replicated.
+    Time is O(v u d h w c); memory is that of the padded features and of what is kept.
 
     Args:
         features: ``[v, u, h, w, c]`` views or features of them, for example grey and its gradients.
         candidates: ``[d]`` disparities, pixels per view step.
         truncation: ``[c]`` difference of each feature that counts as "something else", so that
             highlights and occluders are not followed.
-        aperture: What is compared beside the whole aperture: its eight halves or eight quarters.
+        combine: What to keep of one candidate, given the sums ``[8, h, w]`` of ``e_k`` and the
+            number ``[8]`` of views in each sector (:func:`occjax.ops.sector_of`).
         noise: ``[c]`` standard deviation of each feature's noise, independent from pixel to pixel.
             To each ``|feature_k - feature_centre|`` it adds what the mean difference lost because
             view k was read between pixels, which averages noise; without it, noisy images favour
             the candidates that read between pixels.
-        radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
-            in pixels; without it noise makes the choice.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
-            grid by default. Sectors go by the place in the grid.
+            grid by default.
 
     Returns:
-        ``[d, h, w]`` costs in [0, 1].
+        What ``combine`` returns, with an axis of candidates before all others.
 
     Raises:
         InputError: If there is no view beside the centre view, or for integer features.
 
     Example:
-        >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
-        >>> views = jnp.stack([ramp - 1.0, ramp, ramp + 1.0])[None]  # disparity 1
-        >>> candidates = jnp.array([-1.0, 0.0, 1.0])
-        >>> aperture_costs(views, candidates, truncation=jnp.array([4.0]))[:, 4, 4].tolist()
-        [0.5, 0.25, 0.0]
+        >>> views = jnp.zeros((3, 3, 8, 8, 1)).at[0].set(1.0)  # the upper row differs
+        >>> kept = sector_sums(
+        ...     views, jnp.zeros(2), truncation=jnp.ones(1), combine=lambda sums, numbers: sums
+        ... )
+        >>> kept[1, :, 4, 4].tolist()
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
     """
     features = as_images(features, "v u h w c", "features")
     v, u, h, w, c = features.shape
-    if offsets is None:
-        offsets = view_offsets(v, u)
-    others, sectors = _sectors(v, u)
-    parts = jnp.asarray(_parts(sectors, aperture), features.dtype)
+    around = views_around((v, u), offsets)
     planes = jnp.moveaxis(features.reshape(v * u, h, w, c), -1, 1)
-    centre = planes[(v // 2) * u + u // 2]
+    centre = planes[around.centre]
     margin = max(h, w) // 4 + 1
     # Padded once for all shifts. A view shifted by more than the margin is not compared honestly,
     # but it would show little of the image.
@@ -88,13 +83,10 @@ def aperture_costs(
         planes, ((0, 0), (0, 0), (margin, margin + 1), (margin, margin + 1)), mode="edge"
     )
     # One step for each feature of each view: a single pass over memory, whatever c is.
-    view, channel = (
-        jnp.asarray(index.ravel(), jnp.int32) for index in np.meshgrid(others, np.arange(c))
-    )
-    sector = jnp.asarray(np.tile(sectors, c))
-    candidates, offsets = as_coordinates(candidates, offsets)
-    displacements = -offsets.reshape(-1, 2)[view]
-    scale = (1 / (c * truncation)).astype(features.dtype)[channel]
+    views = jax.tree.map(lambda field: jnp.repeat(field, c, axis=0), around[1:])
+    channel = jnp.tile(jnp.arange(c), len(around.view))
+    candidates, displacements = as_coordinates(candidates, -views[2])
+    scale = (views[3].astype(truncation.dtype) / (c * truncation)[channel]).astype(features.dtype)
     if noise is None:
         noise = jnp.zeros_like(truncation)
 
@@ -109,11 +101,86 @@ def aperture_costs(
             return sums.at[sector].add(jnp.minimum(departure, 1 / c)), None
 
         start = jnp.zeros((SECTORS, h, w), features.dtype)
-        terms = (view, channel, sector, displacements, scale, averaged)
+        terms = (views[0], channel, views[1], displacements, scale, averaged)
         sums, _ = jax.lax.scan(add_feature, start, terms)
-        return jnp.tensordot(parts, box_filter(sums, radius), 1, precision="highest").min(0)
+        return combine(sums, around.numbers.astype(features.dtype))
 
     return jax.lax.map(plane, candidates)
+
+
+def aperture_costs(
+    features: Float[Array, "v u h w c"],
+    candidates: Float[Array, " d"],
+    *,
+    truncation: Float[Array, " c"],
+    aperture: Aperture = "quarter",
+    noise: Float[Array, " c"] | None = None,
+    radius: int = 1,
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> Float[Array, "d h w"]:
+    """Truncated absolute differences to the centre view, over the best part of the aperture.
+
+    The cost of a candidate is the least of the mean of the ``e_k`` of :func:`sector_sums` over all
+    views and of its means over the eight parts of the aperture.
+
+    Args:
+        features: ``[v, u, h, w, c]`` views or features of them, for example grey and its gradients.
+        candidates: ``[d]`` disparities, pixels per view step.
+        truncation: ``[c]`` difference of each feature that counts as "something else".
+        aperture: What is compared beside the whole aperture: its eight halves or eight quarters.
+        noise: ``[c]`` standard deviation of each feature's noise, as for :func:`sector_sums`.
+        radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
+            in pixels; without it noise makes the choice.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+
+    Returns:
+        ``[d, h, w]`` costs in [0, 1].
+
+    Raises:
+        InputError: If there is no view beside the centre view, or for integer features.
+
+    Example:
+        >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
+        >>> views = jnp.stack([ramp - 1.0, ramp, ramp + 1.0])[None]  # disparity 1
+        >>> candidates = jnp.array([-1.0, 0.0, 1.0])
+        >>> aperture_costs(views, candidates, truncation=jnp.array([4.0]))[:, 4, 4].tolist()
+        [0.5, 0.25, 0.0]
+    """
+    return sector_sums(
+        features,
+        candidates,
+        truncation=truncation,
+        noise=noise,
+        offsets=offsets,
+        combine=lambda sums, numbers: best_part(box_filter(sums, radius), numbers, aperture),
+    )
+
+
+def best_part(
+    sums: Float[Array, "8 h w"], numbers: Float[Array, " 8"], aperture: Aperture = "quarter"
+) -> Float[Array, "h w"]:
+    """Least of the means over all views and over each part of the aperture.
+
+    Args:
+        sums: ``[8, h, w]`` sum of something over the views of each sector.
+        numbers: ``[8]`` of these views.
+        aperture: The parts: its eight halves or eight quarters.
+
+    Returns:
+        ``[h, w]``; parts without views do not count.
+
+    Example:
+        >>> sums = jnp.ones((8, 1, 1)).at[1:4].set(0.0)
+        >>> float(best_part(sums, jnp.ones(8))[0, 0])
+        0.0
+    """
+    parts = jnp.asarray(_parts(aperture), sums.dtype)
+    views = jnp.tensordot(parts, numbers, 1, precision="highest")
+    shares = parts / jnp.maximum(views, 1e-9)[:, None]
+    means = jnp.tensordot(shares, sums, 1, precision="highest")
+    # A quarter of a grid of one row may be empty.
+    return jnp.where((views > 0)[:, None, None], means, jnp.inf).min(0)
 
 
 def semi_global(
@@ -197,26 +264,13 @@ def _averaged_noise(noise: Array, truncation: Array, displacements: Array, chann
     return whole - expected_departure(noise * remaining, truncation)
 
 
-def _sectors(v: int, u: int) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices of the views beside the centre one, and the sector (0 to 7) of each."""
-    rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
-    others = np.flatnonzero((rows != 0) | (columns != 0))
-    if not len(others):
-        raise InputError("one view has no disparity: give a grid of at least 1x2 views")
-    angle = np.arctan2(rows, columns).ravel()[others]
-    return others, np.round(angle * SECTORS / (2 * np.pi)).astype(int) % SECTORS
-
-
-def _parts(sectors: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """``[1 + 8, 8]`` weights turning sums over sectors into means: all views, then each part."""
+def _parts(aperture: Aperture) -> np.ndarray:
+    """``[1 + 8, 8]`` how far each sector belongs to the whole, and to each part of the aperture."""
     reach = 2 if aperture == "half" else 1
     turn = (np.arange(SECTORS)[:, None] - np.arange(SECTORS)[None, :]) % SECTORS
     distance = np.minimum(turn, SECTORS - turn)
     parts = np.where(distance < reach, 1.0, np.where(distance == reach, 0.5, 0.0))
-    parts = np.concatenate([np.ones((1, SECTORS)), parts])
-    views = parts @ np.bincount(sectors, minlength=SECTORS)
-    seen = views > 0  # a quarter of a grid of one row may be empty
-    return parts[seen] / views[seen, None]
+    return np.concatenate([np.ones((1, SECTORS)), parts])
 
 
 def _along_rows(

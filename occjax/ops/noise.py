@@ -13,9 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from occjax.errors import InputError
+from occjax.ops.aperture import views_around, views_beside
 from occjax.ops.filtering import box_filter
-from occjax.ops.geometry import view_offsets
 from occjax.ops.sampling import as_coordinates, warp
 
 WINDOW_RADIUS = 4
@@ -91,12 +90,10 @@ def noise_level(
         0.1
     """
     v, u, h, w = views.shape
-    if offsets is None:
-        offsets = view_offsets(v, u)
     views = jax.lax.stop_gradient(views)
-    candidates, offsets = as_coordinates(candidates, offsets)
-    beside = views_beside_the_centre(v, u)
-    neighbours = views.reshape(v * u, h, w, 1)[beside], offsets.reshape(-1, 2)[beside]
+    (candidates,) = as_coordinates(candidates)
+    beside, offsets = views_beside(views_around((v, u), offsets))
+    neighbours = views.reshape(v * u, h, w, 1)[beside], offsets
     centre = views[v // 2, u // 2]
 
     def best_of(neighbour):
@@ -113,14 +110,23 @@ def noise_level(
 
     # Of a normal distribution the mean absolute value is sqrt(2 / pi) standard deviations.
     means = jax.lax.map(best_of, neighbours)
-    level = jnp.quantile(means, QUANTILE) * np.sqrt(np.pi / 2).item()
+    level = jnp.quantile(thinned(means), QUANTILE) * np.sqrt(np.pi / 2).item()
     return jax.lax.stop_gradient(level)
 
 
-def views_beside_the_centre(v: int, u: int) -> np.ndarray:
-    """Flat indices of the up to four views that are one step from the centre view."""
-    rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
-    beside = np.flatnonzero(np.abs(rows) + np.abs(columns) == 1)
-    if not len(beside):
-        raise InputError("one view has no disparity: give a grid of at least 1x2 views")
-    return beside
+def thinned(maps: Float[Array, "*n h w"], most: int = 64) -> Float[Array, "*n i j"]:
+    """Every n-th row and column, at most so many of each: enough for a quantile.
+
+    Args:
+        maps: ``[..., h, w]``.
+        most: Rows and columns that are kept at most.
+
+    Returns:
+        ``[..., i, j]``.
+
+    Example:
+        >>> thinned(jnp.zeros((4, 100, 200))).shape
+        (4, 50, 50)
+    """
+    down, right = (-(-size // most) for size in maps.shape[-2:])
+    return maps[..., ::down, ::right]

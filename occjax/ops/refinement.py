@@ -17,10 +17,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from occjax.ops.filtering import box_filter, central_differences, fit_planes
-from occjax.ops.geometry import view_offsets
-from occjax.ops.noise import views_beside_the_centre
-from occjax.ops.sampling import as_images, warp
+from occjax.ops.aperture import views_around, views_beside
+from occjax.ops.filtering import (
+    WINDOW,
+    box_filter,
+    central_differences,
+    fit_planes,
+    neighbours,
+)
+from occjax.ops.noise import thinned
+from occjax.ops.sampling import as_images, warp_plane
 
 
 def refine_disparity(
@@ -68,40 +74,39 @@ def refine_disparity(
     """
     features = as_images(features, "v u h w c", "features")
     v, u, h, w, c = features.shape
-    if offsets is None:
-        offsets = view_offsets(v, u)
-    stack, offsets = features.reshape(v * u, h, w, c), offsets.reshape(-1, 2)
-    centre = stack[(v // 2) * u + u // 2]
-    gradient_y, gradient_x = (
-        jnp.moveaxis(gradient, 0, -1)
-        for gradient in central_differences(jnp.moveaxis(centre, -1, 0))
-    )
+    around = views_around((v, u), offsets)
+    stack = jnp.moveaxis(features.reshape(v * u, h, w, c), -1, 1)
+    others, centre = stack[around.view], stack[around.centre]
+    gradients_y, gradients_x = central_differences(centre)
     smooth_guide = box_filter(guide, 1)  # noise of the guide is no edge
-    beside = views_beside_the_centre(v, u)
+    beside, nearest = views_beside(around)
+    nothing = jnp.zeros_like(centre[0])
 
     def residual(feature, offset, disparity):
-        difference = warp(feature, disparity, offset) - centre
-        return difference, box_filter(jnp.square(difference).sum(-1), 1)
+        warped = [warp_plane(plane, disparity, offset) for plane in feature]
+        differences = [plane - here for plane, here in zip(warped, centre, strict=True)]
+        return differences, box_filter(sum(map(jnp.square, differences), nothing), 1)
 
     def step(disparity, _):
-        near = jax.lax.map(
-            lambda view: residual(*view, disparity)[1], (stack[beside], offsets[beside])
-        )
-        noise = jnp.maximum(jax.lax.stop_gradient(jnp.median(near)), 1e-8)
+        near = jax.lax.map(lambda view: residual(*view, disparity)[1], (stack[beside], nearest))
+        noise = jnp.maximum(jax.lax.stop_gradient(jnp.median(thinned(near))), 1e-8)
 
         @jax.checkpoint
         def add_view(sums, view):
             feature, offset = view
-            difference, squared = residual(feature, offset, disparity)
+            differences, squared = residual(feature, offset, disparity)
             weight = jnp.exp(-squared / noise)
             down, right = offset.astype(centre.dtype)
-            derivative = -(down * gradient_y + right * gradient_x)
             information, push = sums
-            information = information + weight * jnp.square(derivative).sum(-1)
-            return (information, push - weight * (derivative * difference).sum(-1)), None
+            for difference, along_y, along_x in zip(
+                differences, gradients_y, gradients_x, strict=True
+            ):
+                derivative = -(down * along_y + right * along_x)
+                information = information + weight * jnp.square(derivative)
+                push = push - weight * derivative * difference
+            return (information, push), None
 
-        nothing = jnp.zeros_like(centre[..., 0])
-        (information, push), _ = jax.lax.scan(add_view, (nothing, nothing), (stack, offsets))
+        (information, push), _ = jax.lax.scan(add_view, (nothing, nothing), (others, around.offset))
         # As if each view had a gradient of 0.1 %: blank pixels stay, and planes have some weight.
         prior = 1e-6 * len(stack)
         update = jnp.clip(push / (information + prior), -largest_step, largest_step)
@@ -125,7 +130,4 @@ def median_filter(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
         >>> float(median_filter(jnp.zeros((5, 5)).at[2, 2].set(9.0)).max())
         0.0
     """
-    h, w = image.shape
-    padded = jnp.pad(image, 1, mode="edge")
-    windows = [padded[y : y + h, x : x + w] for y in range(3) for x in range(3)]
-    return jnp.median(jnp.stack(windows), axis=0)
+    return jnp.median(neighbours(image, WINDOW), axis=0)

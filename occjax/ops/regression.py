@@ -70,6 +70,35 @@ def expected_disparity(
     return (probabilities * candidates).sum(0)
 
 
+def cheapest(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Float[Array, "h w"]:
+    """Disparity of least cost, between the candidates by a parabola through the three around it.
+
+    Args:
+        costs: ``[d, h, w]`` costs, d at least 3.
+        candidates: ``[d]`` evenly spaced disparities.
+
+    Returns:
+        ``[h, w]`` disparity; at most half a spacing from the cheapest candidate.
+
+    Example:
+        >>> costs = jnp.array([2.25, 0.25, 0.25, 2.25])[:, None, None]  # (x - 1.5)^2
+        >>> cheapest(costs, jnp.arange(4.0)).tolist()
+        [[1.5]]
+    """
+    index = jnp.clip(costs.argmin(0), 1, len(candidates) - 2)
+    before, here, after = (
+        jnp.take_along_axis(costs, (index + step)[None], axis=0)[0] for step in (-1, 0, 1)
+    )
+    curvature = before - 2 * here + after
+    curved = curvature > 1e-9
+    vertex = jnp.where(curved, (before - after) / (2 * jnp.where(curved, curvature, 1.0)), 0.0)
+    spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
+    # At the ends of the range the cheapest candidate is not the middle one: up to one step away.
+    at_end = costs.argmin(0) != index
+    limit = jnp.where(at_end, 1.0, 0.5)
+    return candidates[index] + jnp.clip(vertex, -limit, limit) * spacing
+
+
 class Confidence(NamedTuple):
     """Two readings of a probability volume.
 

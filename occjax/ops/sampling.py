@@ -21,7 +21,7 @@ from typing import Literal, get_args
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from occjax.errors import InputError
 
@@ -146,6 +146,42 @@ def warp(
         return left * (one - column_fraction) + right * column_fraction
 
     return between_columns(row) * (one - row_fraction) + between_columns(row + 1) * row_fraction
+
+
+def point_in_view(
+    disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+    """Where the points of the centre view lie in a view: their rows and columns, in pixels."""
+    h, w = disparity.shape
+    y = jnp.arange(h, dtype=disparity.dtype)[:, None] - disparity * offset[0]
+    x = jnp.arange(w, dtype=disparity.dtype)[None, :] - disparity * offset[1]
+    return y, x
+
+
+def inside_view(disparity: Float[Array, "h w"], offset: Float[Array, "2"]) -> Bool[Array, "h w"]:
+    """Whether the points of the centre view lie within the image of a view."""
+    h, w = disparity.shape
+    y, x = point_in_view(disparity, offset)
+    return (y >= 0) & (y <= h - 1) & (x >= 0) & (x <= w - 1)
+
+
+def warp_plane(
+    image: Float[Array, "h w"], disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+) -> Float[Array, "h w"]:
+    """:func:`warp` of a single channel, borders replicated.
+
+    XLA fuses the bilinear taps of an ``[h, w]`` image into the arithmetic around them, which arrays
+    with a short trailing axis prevent.
+    """
+    y, x = point_in_view(disparity, offset)
+    row, down = base_and_fraction(y, image.shape[0])
+    column, right = base_and_fraction(x, image.shape[1])
+    down, right = down.astype(image.dtype), right.astype(image.dtype)
+
+    def along(row):
+        return image[row, column] * (1 - right) + image[row, column + 1] * right
+
+    return along(row) * (1 - down) + along(row + 1) * down
 
 
 def as_images(images: ArrayLike, axes: str, name: str = "views") -> Array:

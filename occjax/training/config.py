@@ -48,6 +48,9 @@ class LossConfig:
         occlusion: Weight of the cross-entropy between each stage's occlusion weights and exact
             visibility. Only for sources that know visibility: elsewhere all views count as visible.
         border: Pixels left out at each side.
+        reach: A stage after the first is judged only where one of its candidates, or the disparity
+            that a last refinement is given, is this near to the truth
+            (:func:`occjax.training.losses.reachable`); everywhere if None.
     """
 
     penalty: Penalty = "l1"
@@ -56,9 +59,12 @@ class LossConfig:
     distribution: float = 0.0
     occlusion: float = 0.0
     border: int = 0
+    reach: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse what has no meaning."""
+        if self.reach is not None:
+            _positive("loss.reach", self.reach)
         _one_of("loss.penalty", self.penalty, Penalty)
         _positive("loss.width", self.width)
         for name in ("distribution", "occlusion", "border"):

@@ -23,6 +23,10 @@ WEIGHT_MARGIN = 1e-4
 """Occlusion weights are kept this far from 0 and 1, where their cross-entropy is infinite."""
 
 
+NEAR = 0.15
+"""Error from which on a candidate is no choice at all, pixels per view step."""
+
+
 class Total(NamedTuple):
     """A sum and the number of its terms; totals of several light fields can be added.
 
@@ -99,18 +103,55 @@ def stage_totals(
     # An unknown disparity may be NaN, which no factor of zero removes from a gradient.
     truth = jnp.where(sample.valid, sample.disparity, 0.0)
     error = penalty(output.disparity - truth, kind=config.penalty, width=config.width)
-    totals = {"disparity": total(error, counted)}
     probabilities, candidates = output.probabilities, output.candidates
+    if config.reach is not None and before is not None:
+        counted &= reachable(
+            jax.lax.stop_gradient(before.disparity), candidates, truth, config.reach
+        )
+    totals = {"disparity": total(error, counted)}
     if config.distribution > 0.0 and probabilities is not None and candidates is not None:
         relative = truth
         if before is not None:
             relative = truth - jax.lax.stop_gradient(before.disparity)
-        entropy, covered = distribution_error(probabilities, candidates, relative)
+        judge = distribution_error if candidates.ndim == 1 else choice_error
+        entropy, covered = judge(probabilities, candidates, relative)
         totals["distribution"] = total(entropy, counted & covered)
     if config.occlusion > 0.0 and output.occlusion is not None:
         entropy = visibility_error(occlusion_weights(output.occlusion), sample.visibility)
         totals["occlusion"] = total(entropy, counted)
     return totals
+
+
+def reachable(
+    before: Float[Array, "h w"],
+    candidates: Float[Array, " d"] | Float[Array, "d h w"] | None,
+    truth: Float[Array, "h w"],
+    reach: float,
+) -> Bool[Array, "h w"]:
+    """Whether a stage can be right at all: whether anything it starts from is near the truth.
+
+    Where nothing is, whatever the stage answers is wrong, and being trained on it would only teach
+    it that the stage before is not to be trusted.
+
+    Args:
+        before: ``[h, w]`` disparity of the stage before.
+        candidates: ``[d]`` or ``[d, h, w]`` around it; None if there are none.
+        truth: ``[h, w]``.
+        reach: Distance that counts as near, pixels per view step.
+
+    Returns:
+        ``[h, w]``.
+
+    Example:
+        >>> before, truth = jnp.zeros((1, 2)), jnp.array([[0.4, 0.9]])
+        >>> reachable(before, jnp.array([-0.25, 0.0, 0.25]), truth, 0.2).tolist()
+        [[True, False]]
+    """
+    away = truth - before
+    if candidates is None:
+        return jnp.abs(away) <= reach
+    values = candidates if candidates.ndim == 3 else candidates[:, None, None]
+    return jnp.abs(away[None] - values).min(0) <= reach
 
 
 def penalty(
@@ -149,19 +190,16 @@ def penalty(
 
 
 def distribution_error(
-    probabilities: Float[Array, "d p q"],
+    probabilities: Float[Array, "d h w"],
     candidates: Float[Array, " d"],
     truth: Float[Array, "h w"],
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
     """Cross-entropy between a stage's probabilities and the true disparity of each pixel.
 
-    The truth is a distribution over its two neighbouring candidates, whose expectation it is. The
-    probabilities may be on a grid coarser by a whole factor; each pixel is then judged by the
-    coarse pixel that covers it, so that one across an edge is asked for both surfaces, not for a
-    disparity between them.
+    The truth is a distribution over its two neighbouring candidates, whose expectation it is.
 
     Args:
-        probabilities: ``[d, p, q]`` of the candidates, on the grid of the image or a coarser one.
+        probabilities: ``[d, h, w]`` of the candidates.
         candidates: ``[d]``, ascending.
         truth: ``[h, w]`` in the same terms as the candidates: for a refined stage, relative to the
             disparity of the stage before.
@@ -189,17 +227,52 @@ def distribution_error(
     # A probability that underflows to zero still has a gradient through the softmax above it at
     # any positive value, so the smallest one is the right floor.
     logarithm = jnp.log(jnp.maximum(probabilities, jnp.finfo(probabilities.dtype).tiny))
-    entropy = -(share * to_grid(logarithm, truth.shape)).sum(0)
+    entropy = -(share * logarithm).sum(0)
     return entropy, (truth >= candidates[0]) & (truth <= candidates[-1])
 
 
+def choice_error(
+    probabilities: Float[Array, "d h w"],
+    candidates: Float[Array, "d h w"],
+    truth: Float[Array, "h w"],
+) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    """Cross-entropy of choosing a candidate near the truth, where each pixel has its own.
+
+    Several candidates may be about the same, as those of a pixel's neighbours on one surface are:
+    it does not matter which of them is chosen. A candidate counts by how near it is,
+    ``1 - |candidate - truth| / 0.15``.
+
+    Args:
+        probabilities: ``[d, h, w]`` of the candidates.
+        candidates: ``[d, h, w]``, in any order.
+        truth: ``[h, w]`` in the same terms.
+
+    Returns:
+        ``[h, w]`` cross-entropy in nats, and ``[h, w]`` whether any candidate is near the truth;
+        elsewhere the cross-entropy means nothing.
+
+    Example:
+        >>> thirds = jnp.full((3, 1, 1), 1 / 3)
+        >>> candidates = jnp.array([0.2, 0.2, 0.9]).reshape(3, 1, 1)
+        >>> entropy, covered = choice_error(thirds, candidates, jnp.array([[0.2]]))
+        >>> round(float(entropy[0, 0]), 3), bool(covered[0, 0])  # -log(2 / 3)
+        (0.405, True)
+    """
+    candidates = jax.lax.stop_gradient(candidates)
+    near = jnp.maximum(1.0 - jnp.abs(candidates - truth[None]) / NEAR, 0.0)
+    found = near.max(0)
+    # What no candidate could reach is no fault of the choice.
+    chosen = (probabilities * near).sum(0) / jnp.maximum(found, 1e-3)
+    return -jnp.log(jnp.maximum(chosen, 1e-6)), found > 0.1
+
+
 def visibility_error(
-    weights: Float[Array, "v u p q"], visibility: Bool[Array, "v u h w"]
+    weights: Float[Array, "v u h w"], visibility: Bool[Array, "v u h w"]
 ) -> Float[Array, "h w"]:
     """Cross-entropy between occlusion weights and exact visibility, the mean over the views.
 
     Args:
-        weights: ``[v, u, p, q]`` in [0, 1], on the grid of the image or a coarser one.
+        weights: ``[v, u, h, w]`` in [0, 1].
         visibility: ``[v, u, h, w]`` whether each view sees the point.
 
     Returns:
@@ -210,25 +283,8 @@ def visibility_error(
         >>> round(float(visibility_error(jnp.full((1, 2, 1, 1), 0.5), seen)[0, 0]), 3)
         0.693
     """
-    weights = jnp.clip(to_grid(weights, visibility.shape[-2:]), WEIGHT_MARGIN, 1.0 - WEIGHT_MARGIN)
+    weights = jnp.clip(weights, WEIGHT_MARGIN, 1.0 - WEIGHT_MARGIN)
     return -jnp.log(jnp.where(visibility, weights, 1.0 - weights)).mean((0, 1))
-
-
-def to_grid(values: Float[Array, "*n p q"], shape: tuple[int, ...]) -> Float[Array, "*n h w"]:
-    """Values on the grid of the image: those of a coarser grid are repeated.
-
-    Args:
-        values: ``[..., p, q]``.
-        shape: ``(h, w)`` of the image; each is at most a whole multiple of p and q.
-
-    Returns:
-        ``[..., h, w]``.
-    """
-    for axis, size in ((-2, shape[0]), (-1, shape[1])):
-        factor = -(-size // values.shape[axis])
-        if factor > 1:
-            values = jnp.repeat(values, factor, axis=axis)
-    return values[..., : shape[0], : shape[1]]
 
 
 def inside_border(valid: Bool[Array, "h w"], border: int) -> Bool[Array, "h w"]:

@@ -40,10 +40,10 @@ def light() -> Recipe:
     ``--data.procedural-share 0 --data.pools FOLDER``.
     """
     optimiser = OptimiserConfig(peak_rate=1.5e-3, warm_up=100, weight_decay=1e-4, clip=1.0)
-    loss = LossConfig(penalty="log", width=0.05, distribution=0.3)
+    loss = LossConfig(penalty="log", width=0.05, distribution=0.3, reach=0.2)
     # The camera's own noise is among the generator's defects.
     augmentation = AugmentationConfig(
-        crop=(128, 128), contrast=1.4, noise=0.01, noise_probability=0.3
+        crop=(128, 128), contrast=1.4, noise=0.005, noise_probability=0.2
     )
     return Recipe(
         TrainConfig(preset("light"), loss, optimiser, steps=20_000, ema_decay=0.995),

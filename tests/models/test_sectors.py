@@ -14,8 +14,8 @@ from occjax.models.description import config_from_json, config_to_json
 from occjax.models.layers import HalvingConvRelu, SeparableVolumeConvRelu, double, halve
 from occjax.models.refinement import SectorRefinement
 from occjax.models.stages import stage_output
-from occjax.models.upsampling import ConvexUpsampling, neighbours
-from occjax.ops import SectorSteps, view_offsets
+from occjax.ops import SectorSteps, neighbours, view_offsets
+from occjax.ops.filtering import WINDOW
 from tests.models.test_layers import convolve_by_loops
 from tests.reference.variables import random_variables
 from tests.scenes import plane
@@ -44,8 +44,8 @@ def test_any_grid_and_any_size_give_a_map_of_that_size(variables, shape):
     for output in outputs:
         assert output.disparity.shape == shape[2:]
         assert np.isfinite(output.disparity).all()
-    assert outputs[0].probabilities.shape == (17, -(-shape[2] // 2), -(-shape[3] // 2))
-    assert outputs[1].probabilities.shape == (9, *shape[2:])
+    assert outputs[0].probabilities.shape == (25, *shape[2:])
+    assert outputs[1].probabilities.shape == (5 + 8, *shape[2:])  # residuals and neighbours
     for output in outputs[:2]:
         np.testing.assert_allclose(output.probabilities.sum(0), 1, atol=1e-5)
 
@@ -71,7 +71,7 @@ def test_views_twice_as_far_apart_have_half_the_disparity(variables):
         np.testing.assert_allclose(other.disparity, one.disparity / 2, atol=1e-5)
     np.testing.assert_allclose(far[0].candidates, candidates / 2, rtol=1e-6)
     default = apply(variables, views, 2 * offsets)[0].candidates
-    np.testing.assert_allclose(default, np.linspace(-8, 8, 17), rtol=1e-6)  # reach 4, views 2 apart
+    np.testing.assert_allclose(default, np.linspace(-8, 8, 25), atol=1e-5)  # reach 4, views 2 apart
 
 
 def test_candidates_of_any_number_can_be_given(variables):
@@ -84,12 +84,12 @@ def test_candidates_of_any_number_can_be_given(variables):
 
 
 def test_padding_to_a_multiple_does_not_show_where_the_size_needs_none(variables):
-    views = _views(3, 3, 24, 32)
-    assert CONFIG.multiple == 16
-    padded = jnp.pad(views, ((0, 0), (0, 0), (0, 8), (0, 0)), mode="edge")
+    views = _views(3, 3, 48, 32)
+    assert CONFIG.multiple == 32
+    padded = jnp.pad(views, ((0, 0), (0, 0), (0, 16), (0, 0)), mode="edge")
     np.testing.assert_allclose(
         apply(variables, views)[-1].disparity,
-        apply(variables, padded)[-1].disparity[:24],
+        apply(variables, padded)[-1].disparity[:48],
         atol=1e-5,
     )
 
@@ -139,25 +139,6 @@ def test_doubling_then_halving_changes_nothing():
     np.testing.assert_array_equal(double(image)[:, 1::2, ::2], image)
 
 
-def test_upsampled_disparity_stays_between_its_neighbours():
-    disparity, guide = _views(6, 8), _views(1, 6, 8, 4, seed=1)
-    layer = ConvexUpsampling()
-    arguments = (disparity, jnp.ones((6, 8)), guide)
-    result, _ = layer.init_with_output(jax.random.key(0), *arguments)
-    assert result.shape == (12, 16)
-    around = np.repeat(np.repeat(np.asarray(neighbours(disparity)), 2, 1), 2, 2)
-    assert (result >= around.min(0) - 1e-6).all()
-    assert (result <= around.max(0) + 1e-6).all()
-
-
-def test_neighbours_are_read_row_by_row_with_replicated_borders():
-    image = np.arange(12.0, dtype=np.float32).reshape(3, 4)
-    padded = np.pad(image, 1, mode="edge")
-    for y, x in np.ndindex(3, 4):
-        window = padded[y : y + 3, x : x + 3].ravel()
-        np.testing.assert_array_equal(neighbours(jnp.asarray(image))[:, y, x], window)
-
-
 def test_the_refinement_moves_by_no_more_than_its_bounds():
     config = CONFIG.refinement
     steps = [SectorSteps(*(_views(8, 5, 6, seed=seed) for seed in range(3)))]
@@ -168,12 +149,35 @@ def test_the_refinement_moves_by_no_more_than_its_bounds():
     moved = layer.apply(weights, *arguments) - disparity
     assert np.abs(moved).max() <= config.largest_step + 1e-6
     assert np.abs(moved).min() > 0
-    # Before training a third each of nothing, the planes, and the sectors' damped step.
+    # Before training mostly the disparity as it is, a little of the planes and the damped step.
     information, push = (np.asarray(each).sum(0) / 2 for each in steps[0][:2])
     step = np.clip(push / (information + np.exp(-9.0)), -0.2, 0.2)
-    around = np.asarray(neighbours(jnp.asarray((0.1 + step) / 3, jnp.float32)))
-    shares = np.where(np.arange(9) == 4, np.exp(3.0), 1.0) / (8 + np.exp(3.0))
+    chosen = jnp.asarray((0.1 + step) / (2 + np.exp(4.5)), jnp.float32)
+    around = np.asarray(neighbours(chosen, WINDOW))
+    shares = np.where(np.arange(9) == 4, np.exp(4.5), 1.0) / (8 + np.exp(4.5))
     np.testing.assert_allclose(moved, np.tensordot(shares, around, 1), atol=1e-5)
+
+
+def test_a_refined_stage_chooses_among_its_candidates(variables):
+    """Its candidates are given relative to the stage before, whatever steps lie between them."""
+    coarse, refined, _ = apply(variables, _views(3, 3, 32, 32))
+    move = refined.disparity - coarse.disparity
+    assert (move >= refined.candidates.min(0) - 1e-5).all()
+    assert (move <= refined.candidates.max(0) + 1e-5).all()
+
+
+def test_a_refined_stage_can_take_the_disparity_of_a_neighbour():
+    """Two rows down stands for a neighbour beyond an edge."""
+    scene = plane(grid=(3, 3), size=(32, 32), disparity=0.4, slope=(0.01, 0.0))
+    views = jnp.asarray(scene.grey())
+    config = dataclasses.replace(CONFIG, reach=1.0)
+    fresh = jax.jit(OccCasNet(config).init)(jax.random.key(0), views)
+    itself = apply(fresh, views, config=config)[1].disparity
+    place = len(CONFIG.stages[1].candidates) + CONFIG.stages[1].neighbours.index((2, 0))
+    score = fresh["params"]["sectors"]["stage_1_score"]
+    score["bias"] = jnp.zeros_like(score["bias"]).at[place].set(30.0)
+    taken = apply(fresh, views, config=config)[1].disparity
+    np.testing.assert_allclose(taken[8:-8, 8:-8] - itself[8:-8, 8:-8], 0.02, atol=0.01)
 
 
 def test_before_training_it_is_semi_global_matching_with_planes():
@@ -199,6 +203,14 @@ def test_a_window_keeps_a_second_surface_out_of_the_mean():
     near = stage_output(scores, candidates, window=2).disparity
     np.testing.assert_allclose(whole, 0.6 * 1 + 0.4 * 5, atol=1e-5)
     np.testing.assert_allclose(near, 1.0, atol=1e-5)
+
+
+def test_a_window_also_goes_by_the_candidates_of_each_pixel():
+    scores = jnp.log(jnp.array([[0.6, 0.1], [0.3, 0.2], [0.1, 0.7]]) + 1e-9)[:, None]
+    candidates = jnp.array([[1.0, 0.0], [1.2, 2.0], [9.0, 2.1]])[:, None]
+    near = stage_output(scores, candidates, window=0.25).disparity
+    expected = [(0.6 * 1.0 + 0.3 * 1.2) / 0.9, (0.2 * 2.0 + 0.7 * 2.1) / 0.9]
+    np.testing.assert_allclose(near[0], expected, atol=1e-5)
 
 
 def test_the_network_learns_a_plane():
@@ -238,9 +250,9 @@ def test_configurations_survive_json():
     [
         ({"views": (9, 9)}, "either all volumes are of sectors"),
         ({"warp": "transposed"}, "no transposed warp"),
-        ({"stages": CONFIG.stages[::-1]}, "no disparity before|needs Hourglass"),
+        ({"stages": CONFIG.stages[::-1]}, "no disparity before|needs Hourglass or None"),
         ({"features": preset("tiny").features}, "compare DerivativeFeatures"),
-        ({"stages": CONFIG.stages[:1] * 2}, "needs Hourglass"),
+        ({"stages": CONFIG.stages[:1] * 2}, "needs Hourglass or None"),
     ],
 )
 def test_networks_that_cannot_be_are_refused(changes, message):
@@ -253,3 +265,5 @@ def test_a_volume_of_sectors_has_neither_attention_nor_the_published_aggregation
         StageConfig((0.0, 1.0), volume="sectors", aggregation=Residual(), attention=False)
     with pytest.raises(ValueError, match="no attention"):
         dataclasses.replace(CONFIG.stages[0], attention=True)
+    with pytest.raises(ValueError, match="refined volumes of sectors alone"):
+        dataclasses.replace(CONFIG.stages[0], neighbours=((0, 1),))

@@ -85,3 +85,19 @@ def test_vmap_agrees_with_a_loop(tolerance):
     np.testing.assert_allclose(
         jax.vmap(smooth)(images, guides), np.stack(looped), **tolerance("float32")
     )
+
+
+def test_neighbours_are_the_values_that_far_away_with_replicated_borders():
+    image = np.arange(20.0, dtype=np.float32).reshape(4, 5)
+    places = [(0, 0), (-2, 0), (0, 3), (4, -4)]
+    result = filtering.neighbours(jnp.asarray(image), places)
+    for index, (row, column) in enumerate(places):
+        for y, x in np.ndindex(4, 5):
+            expected = image[np.clip(y + row, 0, 3), np.clip(x + column, 0, 4)]
+            assert result[index, y, x] == expected
+
+
+def test_a_window_is_read_row_by_row():
+    image = _random(3, 3)
+    window = filtering.neighbours(image, filtering.WINDOW)[:, 1, 1]
+    np.testing.assert_array_equal(window, image.ravel())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.ops import matching
+from occjax.ops import matching, sector_of, view_offsets
 from occjax.ops.matching import semi_global
 from tests.reference import matching as reference
 
@@ -31,6 +31,32 @@ def test_aperture_costs_are_the_least_mean_over_the_parts(grid, aperture, reach,
     costs = aperture_costs(features, CANDIDATES, truncation=TRUNCATION, aperture=aperture, radius=0)
     expected = reference.aperture_costs(*map(np.asarray, (features, CANDIDATES, TRUNCATION)), reach)
     np.testing.assert_allclose(costs, expected, **tolerance("float32"))
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (1, 4), (2, 2)])
+def test_sums_are_over_the_views_of_each_sector(grid, tolerance):
+    features = _random(*grid, 5, 8, 2)
+    offsets = view_offsets(*grid)
+    sums, numbers = matching.sector_sums(
+        features, CANDIDATES, truncation=TRUNCATION, combine=lambda *kept: kept
+    )
+    expected = reference.sector_sums(*map(np.asarray, (features, CANDIDATES, TRUNCATION, offsets)))
+    np.testing.assert_allclose(sums, expected, **tolerance("float32"))
+    sectors = np.delete(np.asarray(sector_of(offsets)), grid[0] // 2 * grid[1] + grid[1] // 2)
+    np.testing.assert_array_equal(numbers[0], np.bincount(sectors, minlength=8))
+
+
+def test_a_list_of_views_in_any_order_is_as_good_as_their_grid(tolerance):
+    features, offsets = _random(3, 3, 6, 7, 2), view_offsets(3, 3)
+    order = np.array([8, 1, 2, 3, 4, 0, 6, 7, 5])  # the centre view stays
+    shuffled = aperture_costs(
+        features.reshape(1, 9, 6, 7, 2)[:, order],
+        CANDIDATES,
+        truncation=TRUNCATION,
+        offsets=offsets.reshape(1, 9, 2)[:, order],
+    )
+    expected = aperture_costs(features, CANDIDATES, truncation=TRUNCATION)
+    np.testing.assert_allclose(shuffled, expected, **tolerance("float32"))
 
 
 def test_a_point_hidden_from_the_views_of_one_side_still_costs_nothing():

@@ -16,6 +16,24 @@ def bilinear(image, y, x):
     return total
 
 
+def sector_sums(features, candidates, truncation, offsets):
+    """Sums of truncated differences over the views of each sector."""
+    v, u, height, width, _ = features.shape
+    sums = np.zeros((len(candidates), 8, height, width))
+    for k, y, x in np.ndindex(len(candidates), height, width):
+        for row, column in np.ndindex(v, u):
+            down, right = offsets[row, column]
+            if down == right == 0:
+                continue
+            seen = bilinear(
+                features[row, column], y - candidates[k] * down, x - candidates[k] * right
+            )
+            difference = np.abs(seen - features[v // 2, u // 2, y, x])
+            sector = round(np.arctan2(down, right) / (np.pi / 4)) % 8
+            sums[k, sector, y, x] += np.minimum(difference / truncation, 1).mean()
+    return sums
+
+
 def aperture_costs(features, candidates, truncation, reach):
     """Without averaging over windows; ``reach`` sectors on either side make a part."""
     v, u, height, width, _ = features.shape

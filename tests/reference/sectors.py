@@ -13,34 +13,12 @@ def inside(image, y, x):
     return 0 <= y <= image.shape[0] - 1 and 0 <= x <= image.shape[1] - 1
 
 
-def zero_outside(image, y, x):
-    """One bilinear sample at real coordinates, taps outside read zero."""
-    padded = np.zeros((image.shape[0] + 2, image.shape[1] + 2, *image.shape[2:]))
-    padded[1:-1, 1:-1] = image
-    return bilinear(padded, y + 1, x + 1)
-
-
 def others(offsets):
     """Indices, offset and sector of all views but the centre one."""
     v, u = offsets.shape[:2]
     for index in np.ndindex(v, u):
         if index != (v // 2, u // 2):
             yield index, offsets[index], sector(offsets[index])
-
-
-def coarse_sector_costs(features, candidates, offsets):
-    height, width = features.shape[2:4]
-    centre = features[features.shape[0] // 2, features.shape[1] // 2]
-    sums = np.zeros((8, len(candidates), height, width))
-    weights = np.zeros_like(sums)
-    for index, offset, number in others(offsets):
-        for k, y, x in np.ndindex(len(candidates), height, width):
-            position = np.array([y, x]) - candidates[k] * offset
-            if inside(features[index], *position):
-                difference = zero_outside(features[index], *position) - centre[y, x]
-                sums[number, k, y, x] += np.square(difference).sum()
-                weights[number, k, y, x] += 1
-    return sums, weights
 
 
 def window_mean(image, y, x):
@@ -68,17 +46,17 @@ def visibility(view, centre, disparity, offset, tolerance):
     return result
 
 
-def refined_sector_costs(views, disparity, candidates, offsets, tolerance):
-    """``candidates`` must hold zero."""
-    centre = views[views.shape[0] // 2, views.shape[1] // 2]
-    sums = np.zeros((8, len(candidates), *disparity.shape))
-    weights = np.zeros((8, 1, *disparity.shape))
+def refined_sector_costs(features, disparities, offsets, tolerance):
+    centre = features[features.shape[0] // 2, features.shape[1] // 2]
+    sums = np.zeros((8, *disparities.shape))
+    weights = np.zeros_like(sums)
     for index, offset, number in others(offsets):
-        visible = visibility(views[index], centre, disparity, offset, tolerance)
-        weights[number, 0] += visible
-        for k, candidate in enumerate(candidates):
-            difference = warped(views[index], disparity + candidate, offset) - centre
-            sums[number, k] += visible * np.square(difference)
+        for k, y, x in np.ndindex(*disparities.shape):
+            position = [y, x] - disparities[k, y, x] * offset
+            if inside(features[index], *position):
+                square = np.square(bilinear(features[index], *position) - centre[y, x])
+                sums[number, k, y, x] += (square / (square + np.square(tolerance))).mean()
+                weights[number, k, y, x] += 1
     return sums, weights
 
 
@@ -104,5 +82,7 @@ def sector_channels(sums, weights):
     halves = []
     for first in range(8):
         part = [(first + k) % 8 for k in range(5)]
-        halves.append(sums[part].sum(0) / weights[part].sum(0))
+        half = sums[part].sum(0) / weights[part].sum(0)
+        means = [window_mean(plane, y, x) for plane in half for y, x in np.ndindex(plane.shape)]
+        halves.append(np.reshape(means, half.shape))
     return np.concatenate([sectors, whole[None], np.min(halves, 0)[None]])

@@ -10,10 +10,11 @@ from occjax.errors import InputError
 from occjax.models import StageOutput
 from occjax.training import LossConfig, cascade_loss
 from occjax.training.losses import (
+    choice_error,
     distribution_error,
     inside_border,
     penalty,
-    to_grid,
+    reachable,
     visibility_error,
 )
 from tests.ops.derivatives import assert_derivatives
@@ -175,23 +176,67 @@ def test_a_stage_is_not_judged_by_the_distribution_of_the_next():
     assert distribution(outputs[0].disparity + 0.1) != distribution(outputs[0].disparity)
 
 
-def test_a_coarser_grid_of_probabilities_is_judged_at_the_pixels_it_covers():
-    """5x6 pixels, probabilities of 3x3: the last row of coarse pixels covers one row of pixels."""
+def test_a_choice_is_judged_by_the_probability_of_what_is_near_the_truth():
     generator = np.random.default_rng(2)
-    probabilities = random_probabilities(generator, 5, 3, 3)
-    truth = generator.uniform(-2.0, 2.0, (5, 6))
-    entropy, _ = distribution_error(
-        *(jnp.asarray(each, jnp.float32) for each in (probabilities, COARSE, truth))
+    probabilities = random_probabilities(generator, 5, 4, 6)
+    candidates = generator.uniform(-1.0, 1.0, (5, 4, 6))
+    truth = generator.uniform(-1.2, 1.2, (4, 6))
+    entropy, covered = choice_error(
+        *(jnp.asarray(each, jnp.float32) for each in (probabilities, candidates, truth))
     )
-    for y, x in np.ndindex(5, 6):
-        share = split_over_neighbours(COARSE, truth[y, x])
-        expected = -(share * np.log(probabilities[:, y // 2, x // 2])).sum()
-        np.testing.assert_allclose(entropy[y, x], expected, rtol=1e-5)
+    for y, x in np.ndindex(4, 6):
+        near = np.maximum(1 - np.abs(candidates[:, y, x] - truth[y, x]) / 0.15, 0)
+        assert covered[y, x] == (near.max() > 0.1)
+        if covered[y, x]:
+            chosen = (near * probabilities[:, y, x]).sum() / near.max()
+            np.testing.assert_allclose(entropy[y, x], -np.log(chosen), rtol=1e-4)
+    assert 0 < covered.sum() < covered.size
 
 
-def test_values_on_the_grid_of_the_image_stay_as_they_are():
-    values = jnp.arange(12.0).reshape(1, 3, 4)
-    np.testing.assert_array_equal(to_grid(values, (3, 4)), values)
+def test_the_right_choice_costs_nothing_however_it_is_split():
+    probabilities = jnp.array([0.5, 0.5, 0.0]).reshape(3, 1, 1)
+    candidates = jnp.array([0.3, 0.3, 0.8]).reshape(3, 1, 1)
+    entropy, _ = choice_error(probabilities, candidates, jnp.array([[0.3]]))
+    np.testing.assert_allclose(entropy, 0.0, atol=1e-6)
+
+
+def test_candidates_of_each_pixel_are_judged_by_the_choice():
+    """Relative to the stage before, as those that all pixels share."""
+    outputs, sample = two_stages()
+    residuals = jnp.broadcast_to(
+        jnp.asarray(FINE, jnp.float32)[None, :, None, None], outputs[1].probabilities.shape
+    )
+    outputs = (outputs[0], outputs[1]._replace(candidates=residuals))
+    _, errors = cascade_loss(outputs, sample, LossConfig(distribution=1.0))
+    terms = []
+    for item in range(sample.valid.shape[0]):
+        entropy, covered = choice_error(
+            outputs[1].probabilities[item],
+            residuals[item],
+            sample.disparity[item] - outputs[0].disparity[item],
+        )
+        terms.append(np.asarray(entropy)[np.asarray(covered & sample.valid[item])])
+    np.testing.assert_allclose(errors["distribution_1"], np.concatenate(terms).mean(), rtol=1e-5)
+
+
+def test_only_what_a_stage_can_reach_is_judged():
+    outputs, sample = two_stages()
+    _, errors = cascade_loss(outputs, sample, LossConfig(reach=0.1))
+    _, everywhere = cascade_loss(outputs, sample, LossConfig())
+    away = np.asarray(sample.disparity - outputs[0].disparity)
+    near = np.abs(away[..., None] - FINE).min(-1) <= 0.1
+    counted = near & np.asarray(sample.valid)
+    assert 0 < counted.sum() < sample.valid.sum()
+    error = np.abs(np.asarray(outputs[1].disparity - sample.disparity))
+    np.testing.assert_allclose(errors["disparity_1"], error[counted].mean(), rtol=1e-5)
+    np.testing.assert_allclose(errors["disparity_0"], everywhere["disparity_0"])  # all of it
+
+
+def test_what_is_in_reach_goes_by_the_candidates_of_each_pixel_or_by_nothing_but_the_disparity():
+    before, truth = jnp.array([[1.0, 1.0]]), jnp.array([[1.4, 1.1]])
+    candidates = jnp.array([[[0.5, -3.0]], [[2.0, 2.0]]])
+    assert reachable(before, candidates, truth, 0.15).tolist() == [[True, False]]
+    assert reachable(before, None, truth, 0.15).tolist() == [[False, True]]
 
 
 def test_occlusion_weights_are_judged_by_visibility():
