@@ -59,7 +59,8 @@ def test_the_order_of_the_views_does_not_matter(variables):
         views.reshape(1, 9, 16, 16)[:, order],
         offsets.reshape(1, 9, 2)[:, order],
     )
-    np.testing.assert_allclose(shuffled[-1].disparity, expected, atol=2e-5)
+    # Random weights give disparities of tens of pixels, sums in another order.
+    np.testing.assert_allclose(shuffled[-1].disparity, expected, rtol=2e-5, atol=2e-5)
 
 
 def test_views_twice_as_far_apart_have_half_the_disparity(variables):
@@ -83,15 +84,17 @@ def test_candidates_of_any_number_can_be_given(variables):
     assert coarse.disparity.max() <= 9.0
 
 
-def test_padding_to_a_multiple_does_not_show_where_the_size_needs_none(variables):
-    views = _views(3, 3, 48, 32)
-    assert CONFIG.multiple == 32
-    padded = jnp.pad(views, ((0, 0), (0, 0), (0, 16), (0, 0)), mode="edge")
-    np.testing.assert_allclose(
-        apply(variables, views)[-1].disparity,
-        apply(variables, padded)[-1].disparity[:48],
-        atol=1e-5,
-    )
+def test_a_size_that_needs_padding_gives_the_same_disparity_as_one_that_needs_none():
+    scene = plane(grid=(3, 3), size=(64, 48), disparity=0.4, slope=(0.005, -0.003))
+    views = jnp.asarray(scene.grey())
+    config = dataclasses.replace(CONFIG, reach=1.0)
+    assert config.multiple == 32
+    fresh = jax.jit(OccCasNet(config).init)(jax.random.key(0), views)
+    whole = apply(fresh, views[..., :32], config=config)[-1].disparity
+    part = apply(fresh, views[..., :50, :32], config=config)[-1].disparity
+    assert part.shape == (50, 32)
+    # Not quite: the noise of a view is estimated from all of it.
+    assert np.quantile(np.abs(part - whole[:50])[8:40, 8:-8], 0.95) < 0.01
 
 
 def test_what_is_fifty_pixels_away_matters():
@@ -177,7 +180,12 @@ def test_a_refined_stage_can_take_the_disparity_of_a_neighbour():
     score = fresh["params"]["sectors"]["stage_1_score"]
     score["bias"] = jnp.zeros_like(score["bias"]).at[place].set(30.0)
     taken = apply(fresh, views, config=config)[1].disparity
-    np.testing.assert_allclose(taken[8:-8, 8:-8] - itself[8:-8, 8:-8], 0.02, atol=0.01)
+    truth = scene.ground_truth
+    expected = np.median((truth[2:] - truth[:-2])[8:-8])
+    assert expected > 0.01
+    moved = np.median((taken - itself)[8:-8, 8:-8])
+    assert abs(moved - expected) < 0.003
+    assert np.median(np.abs(taken[:-2] - itself[2:])) < 0.002
 
 
 def test_before_training_it_is_semi_global_matching_with_planes():
@@ -200,7 +208,7 @@ def test_a_window_keeps_a_second_surface_out_of_the_mean():
     scores = jnp.log(jnp.array([0.0, 0.6, 0.0, 0.0, 0.0, 0.4]) + 1e-9)[:, None, None]
     candidates = jnp.arange(6.0)
     whole = stage_output(scores, candidates).disparity
-    near = stage_output(scores, candidates, window=2).disparity
+    near = stage_output(scores, candidates, window=2.0).disparity
     np.testing.assert_allclose(whole, 0.6 * 1 + 0.4 * 5, atol=1e-5)
     np.testing.assert_allclose(near, 1.0, atol=1e-5)
 
@@ -235,7 +243,8 @@ def test_the_network_learns_a_plane():
     params, first = step(variables["params"])
     for _ in range(50):
         params, last = step(params)
-    assert max(float(error) for error in last) < 0.5 * float(first[0])
+    for before, after in list(zip(first, last, strict=True))[1:]:  # the first has no weights
+        assert float(after) < 0.5 * float(before)
 
 
 def test_configurations_survive_json():
