@@ -298,7 +298,7 @@ def test_derivatives_of_the_penalties():
 @pytest.mark.usefixtures("x64")
 def test_derivatives_of_the_cross_entropies():
     generator = np.random.default_rng(3)
-    scores = generator.normal(size=(5, 2, 3))
+    scores = generator.normal(size=(5, 4, 6))
     truth = generator.uniform(-1.9, 1.9, (4, 6))
     candidates = jnp.asarray(COARSE)
 
