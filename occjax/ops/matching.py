@@ -84,7 +84,7 @@ def sector_sums(
     )
     # One step for each feature of each view: a single pass over memory, whatever c is.
     views = jax.tree.map(lambda field: jnp.repeat(field, c, axis=0), around[1:])
-    channel = jnp.tile(jnp.arange(c), len(around.view))
+    channel = jnp.tile(jnp.arange(c, dtype=jnp.int32), len(around.view))
     candidates, displacements = as_coordinates(candidates, -views[2])
     scale = (views[3].astype(truncation.dtype) / (c * truncation)[channel]).astype(features.dtype)
     if noise is None:
