@@ -41,7 +41,7 @@ class Around(NamedTuple):
     @property
     def numbers(self) -> Float[Array, " 8"]:
         """Number of views in each sector."""
-        return jnp.zeros(SECTORS).at[self.sector].add(self.present.astype(jnp.float32))
+        return jnp.zeros(SECTORS, jnp.float32).at[self.sector].add(self.present.astype(jnp.float32))
 
 
 def sector_of(offsets: Float[Array, "*grid 2"]) -> Int[Array, "*grid"]:
