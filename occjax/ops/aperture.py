@@ -107,5 +107,5 @@ def views_beside(around: Around) -> tuple[Int[Array, " k"], Float[Array, "k 2"]]
     """
     far = jnp.where(around.present, jnp.square(around.offset).sum(-1), jnp.inf)
     order = jnp.argsort(far)[:MOST_BESIDE]
-    order = jnp.where(far[order] <= 1.2 * far[order[0]], order, order[0])
+    order = jnp.where(far[order] <= 1.5 * far[order[0]], order, order[0])
     return around.view[order], around.offset[order]
