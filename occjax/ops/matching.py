@@ -83,10 +83,10 @@ def sector_sums(
         planes, ((0, 0), (0, 0), (margin, margin + 1), (margin, margin + 1)), mode="edge"
     )
     # One step for each feature of each view: a single pass over memory, whatever c is.
-    views = jax.tree.map(lambda field: jnp.repeat(field, c, axis=0), around[1:])
+    view, sector, offset, present = (jnp.repeat(field, c, axis=0) for field in around[1:])
     channel = jnp.tile(jnp.arange(c, dtype=jnp.int32), len(around.view))
-    candidates, displacements = as_coordinates(candidates, -views[2])
-    scale = (views[3].astype(truncation.dtype) / (c * truncation)[channel]).astype(features.dtype)
+    candidates, displacements = as_coordinates(candidates, -offset)
+    scale = (present.astype(truncation.dtype) / (c * truncation)[channel]).astype(features.dtype)
     if noise is None:
         noise = jnp.zeros_like(truncation)
 
@@ -101,7 +101,7 @@ def sector_sums(
             return sums.at[sector].add(jnp.minimum(departure, 1 / c)), None
 
         start = jnp.zeros((SECTORS, h, w), features.dtype)
-        terms = (views[0], channel, views[1], displacements, scale, averaged)
+        terms = (view, channel, sector, displacements, scale, averaged)
         sums, _ = jax.lax.scan(add_feature, start, terms)
         return combine(sums, around.numbers.astype(features.dtype))
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from occjax.ops.aperture import views_around, views_beside
 from occjax.ops.filtering import box_filter
-from occjax.ops.sampling import as_coordinates, warp
+from occjax.ops.sampling import as_coordinates, warp_plane
 
 WINDOW_RADIUS = 4
 QUANTILE = 0.25
@@ -93,14 +93,14 @@ def noise_level(
     views = jax.lax.stop_gradient(views)
     (candidates,) = as_coordinates(candidates)
     beside, offsets = views_beside(views_around((v, u), offsets))
-    neighbours = views.reshape(v * u, h, w, 1)[beside], offsets
+    neighbours = views.reshape(v * u, h, w)[beside], offsets
     centre = views[v // 2, u // 2]
 
     def best_of(neighbour):
         view, offset = neighbour
 
         def least(best, candidate):
-            warped = warp(view, jnp.full((h, w), candidate), offset)[..., 0]
+            warped = warp_plane(view, jnp.full((h, w), candidate), offset)
             # The difference has the variance of the centre view's noise and of what remains here.
             deviation = jnp.sqrt(1 + interpolation_gain(candidate * offset)).astype(views.dtype)
             difference = box_filter(jnp.abs(warped - centre), WINDOW_RADIUS) / deviation

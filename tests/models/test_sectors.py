@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occjax.models import OccCasNet, StageConfig, preset
-from occjax.models.config import Residual
+from occjax.models.config import Hourglass, Residual
 from occjax.models.description import config_from_json, config_to_json
 from occjax.models.layers import HalvingConvRelu, SeparableVolumeConvRelu, double, halve
 from occjax.models.refinement import SectorRefinement
@@ -186,6 +186,20 @@ def test_a_refined_stage_can_take_the_disparity_of_a_neighbour():
     moved = np.median((taken - itself)[8:-8, 8:-8])
     assert abs(moved - expected) < 0.003
     assert np.median(np.abs(taken[:-2] - itself[2:])) < 0.002
+
+
+def test_an_hourglass_corrects_the_coarse_volume_once_it_is_trained():
+    coarse = dataclasses.replace(CONFIG.stages[0], aggregation=Hourglass((4, 8), 1))
+    config = dataclasses.replace(CONFIG, stages=(coarse, *CONFIG.stages[1:]))
+    views = _views(3, 3, 32, 32)
+    fresh = jax.jit(OccCasNet(config).init)(jax.random.key(0), views)
+    expected = apply(fresh, views, config=CONFIG)[0].probabilities
+    untrained = apply(fresh, views, config=config)[0].probabilities
+    np.testing.assert_allclose(untrained, expected, atol=1e-6)
+    score = fresh["params"]["sectors"]["stage_0"]["score"]
+    score["kernel"] = jnp.ones_like(score["kernel"])
+    trained = apply(fresh, views, config=config)[0].probabilities
+    assert np.abs(trained - expected).max() > 0.01
 
 
 def test_before_training_it_is_semi_global_matching_with_planes():
