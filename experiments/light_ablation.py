@@ -24,7 +24,7 @@ import tyro
 from occjax.data.photographs import load_photographs
 from occjax.data.pool import render_pool
 from occjax.data.scene_config import Defects, Outlines, Textures
-from occjax.models import preset
+from occjax.models import Choice, preset
 from occjax.training import (
     Recipe,
     RunConfig,
@@ -85,12 +85,12 @@ def network(**changes: Any) -> Change:
     )
 
 
-def refined_stage(**changes: Any) -> Change:
+def choice(**changes: Any) -> Change:
     """Change the network's second stage."""
 
     def change(base: Recipe) -> Recipe:
-        coarse, refined = base.train.network.stages
-        return network(stages=(coarse, replace(refined, **changes)))(base)
+        search, chosen = base.train.network.stages
+        return network(stages=(search, replace(chosen, **changes)))(base)
 
     return change
 
@@ -123,9 +123,13 @@ ROWS: Mapping[str, Change] = {
     # Loss
     "L1 loss": loss(penalty="l1"),
     "no distribution loss": loss(distribution=0.0),
+    "all pixels count alike": loss(settled=1.0),
     # Network
-    "no plane steps": refined_stage(plane_steps=0),
-    "no last refinement": network(refinement=None),
+    "no plane steps before the choice": choice(plane_steps=0),
+    "four neighbours": choice(neighbours=((-3, 0), (3, 0), (0, -3), (0, 3))),
+    "a narrower choice": choice(aggregation=Choice(16, (24, 24, 32, 32))),
+    "a choice that sees little around": choice(aggregation=Choice(32, (48,))),
+    "no plane steps after it": network(refinement=None),
 }
 """Changes to the training, one at a time."""
 
@@ -172,7 +176,10 @@ def run_row(
     pool = folder / "pools" / _slug("as it is" if same_scenes else name)
     photographs = load_photographs() if row.data.scenes.photographs > 0.0 else None
     render_pool(pool, scale.pool, row.data.scenes, base.data.seed, photographs=photographs)
-    data = replace(row.data, pools=(pool,))
+    # Rows of one pool and the same proposals share what is prepared.
+    same_proposals = _proposing(row) == _proposing(base)
+    kept = _slug(pool.name if same_proposals else name)
+    data = replace(row.data, pools=(pool,), prepared=folder / "prepared" / kept)
     run = RunConfig(validate_every=scale.steps, log_every=50)
     place = folder / _slug(name)
     source = make_source(data, row.train.network)
@@ -225,6 +232,12 @@ def run(
     groups |= {scene.name: [scene.name] for scene in given}
     print(table(results, groups))
     return results
+
+
+def _proposing(row: Recipe) -> tuple:
+    """What light fields are prepared by."""
+    search, chosen = row.train.network.stages
+    return search, chosen.plane_steps, chosen.neighbours, row.data.seed
 
 
 def _slug(name: str) -> str:

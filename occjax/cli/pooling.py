@@ -9,7 +9,7 @@ from tyro.conf import AvoidSubcommands, Positional, arg
 
 from occjax.data.photographs import load_photographs
 from occjax.data.pool import pool_size, render_pool
-from occjax.data.scene_config import SceneConfig
+from occjax.data.scene_config import TEXTURED, SceneConfig
 
 
 def pool_command(
@@ -21,13 +21,14 @@ def pool_command(
     photographs: Annotated[
         bool, arg(help="Photographs among the textures (needs scikit-image).")
     ] = True,
-    scenes: AvoidSubcommands[SceneConfig] = SceneConfig(image_size=(144, 144)),
+    scenes: AvoidSubcommands[SceneConfig] = TEXTURED,
 ) -> int:
     """Render procedural light fields once, to train on them many times."""
     textures = load_photographs() if photographs else None
     render_pool(folder, count, scenes, seed, photographs=textures)
     print(
         f"{folder}: {pool_size(folder)} light fields\n"
-        f"train on it with: occjax train FOLDER --data.procedural-share 0 --data.pools {folder}"
+        "train on it with: occjax train RUN --data.procedural-share 0 "
+        f"--data.pools {folder} --data.prepared PREPARED"
     )
     return 0

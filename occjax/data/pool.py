@@ -71,12 +71,12 @@ def render_pool(
     if count < 1:
         raise InputError(f"{folder}: a pool of {count} light fields; it must have at least 1")
     _claim(folder, _description(config, seed, photographs))
-    missing = [number for number in range(count) if not _file(folder, number).exists()]
+    missing = [number for number in range(count) if not light_field_file(folder, number).exists()]
     root = jax.random.key(seed)
     textures = None if photographs is None else jnp.asarray(photographs)
     for number in tqdm(missing, desc=folder.name, unit="light field", disable=not progress):
         sample = generate(jax.random.fold_in(root, number), config, textures)
-        write_sample(_file(folder, number), sample)
+        write_sample(light_field_file(folder, number), sample)
 
 
 def pool_source(
@@ -122,7 +122,7 @@ def pool_source(
     def source(step: int) -> Sample:
         turns = (divmod(step * batch_size + place, count) for place in range(batch_size))
         samples = [
-            select_views(read_sample(_file(folder, int(order(epoch)[place]))), views)
+            select_views(read_sample(light_field_file(folder, int(order(epoch)[place]))), views)
             for epoch, place in turns
         ]
         batch = to_device(stack_samples(samples))
@@ -149,7 +149,9 @@ def pool_size(folder: str | Path) -> int:
     if not (folder / DESCRIPTION).is_file():
         raise InputError(f"{folder}: is not a pool of light fields; make one with render_pool")
     present = {path.name for path in folder.glob("*.npz")}
-    return next(n for n in range(len(present) + 1) if _file(folder, n).name not in present)
+    return next(
+        n for n in range(len(present) + 1) if light_field_file(folder, n).name not in present
+    )
 
 
 def write_sample(path: str | Path, sample: Sample) -> None:
@@ -201,7 +203,8 @@ def read_sample(path: str | Path) -> Sample:
         raise InputError(f"{path}: is damaged; remove it and render the pool again") from error
 
 
-def _file(folder: Path, number: int) -> Path:
+def light_field_file(folder: Path, number: int) -> Path:
+    """File of a light field in a pool."""
     return folder / f"{number:06d}.npz"
 
 

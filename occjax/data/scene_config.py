@@ -165,6 +165,20 @@ class SceneConfig:
             raise InputError("textures: one kind at least must have a weight above 0")
 
 
+TEXTURED = SceneConfig(
+    image_size=(160, 160),
+    disparity_width=(1.0, 8.0),
+    photographs=0.5,
+    low_contrast=0.03,
+    textureless=0.01,
+    calm=0.0,
+    highlights=0.2,
+    reflections=0.1,
+    defects=Defects(noise=0.1, vignetting=0.1, blur=0.2, gamma=0.3, quantisation=0.8),
+)
+"""Scenes in which an edge can be seen: where nothing can be, nothing is learned about it."""
+
+
 def arrangement(grid: tuple[int, int], views: Views) -> np.ndarray:
     """Offsets of the views that are made.
 

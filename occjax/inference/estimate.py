@@ -30,10 +30,13 @@ from occjax.models import PRESETS, NetworkConfig, StageOutput, preset
 from occjax.models.bundled import bundled_weights, find_weights
 from occjax.models.config import Warp
 from occjax.models.weights import load_weights
-from occjax.ops import confidence, occlusion_maps
+from occjax.ops import confidence, occlusion_maps, probability_near
 
 Precision = Literal["float32", "bfloat16"]
 Say = Callable[[str], None]
+
+SAME_SURFACE = 0.15
+"""Proposals this near to what was chosen among them speak for it, pixels per view step."""
 
 PHOTOMETRIC = "photometric"
 MODELS = (PHOTOMETRIC, *PRESETS)
@@ -287,12 +290,18 @@ def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
     """What an estimate has, of a network's stages."""
     disparity = stages[-1].disparity
     certainty, deviation = [], None
-    for stage in stages:
+    for before, stage in zip((None, *stages), stages, strict=False):
         if stage.probabilities is None or stage.candidates is None:
             continue
         reading = confidence(stage.probabilities, stage.candidates)
-        certainty.append(reading.certainty(len(stage.candidates)))
         deviation = reading.standard_deviation
+        if before is None or stage.candidates.ndim == 1:
+            certainty.append(reading.certainty(len(stage.candidates)))
+        else:
+            chosen = stage.disparity - before.disparity
+            certainty.append(
+                probability_near(stage.probabilities, stage.candidates, chosen, SAME_SURFACE)
+            )
     return {
         "disparity": disparity,
         # A refined stage cannot know that the stage before chose the wrong surface: the least

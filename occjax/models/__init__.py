@@ -2,12 +2,11 @@
 
 from occjax.models.cascade import OccCasNet, variable_shapes
 from occjax.models.config import (
+    Choice,
     DerivativeFeatures,
     FeatureConfig,
-    Hourglass,
     NetworkConfig,
-    Planar,
-    RefinementConfig,
+    PlaneSteps,
     Residual,
     SemiGlobalConfig,
     StageConfig,
@@ -19,13 +18,12 @@ from occjax.models.weights import load_weights, save_weights
 
 __all__ = [
     "PRESETS",
+    "Choice",
     "DerivativeFeatures",
     "FeatureConfig",
-    "Hourglass",
     "NetworkConfig",
     "OccCasNet",
-    "Planar",
-    "RefinementConfig",
+    "PlaneSteps",
     "Residual",
     "SemiGlobalConfig",
     "StageConfig",

@@ -12,6 +12,7 @@ from occjax.errors import InputError
 from occjax.models.aggregation import Aggregation, ViewAttention
 from occjax.models.config import FeatureConfig, NetworkConfig, Residual, of_kind
 from occjax.models.features import FeatureNetwork
+from occjax.models.proposals import Proposals
 from occjax.models.sectors import SectorCascade
 from occjax.models.stages import StageOutput, stage_output
 from occjax.ops import (
@@ -112,6 +113,14 @@ class OccCasNet(nn.Module):
             scores = self.aggregate(index, volume, attention, train=train)
             outputs.append(stage_output(scores, values, before, attention, maps))
         return tuple(outputs)
+
+    def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:
+        """What a network of any arrangement of views chooses from, see :class:`SectorCascade`."""
+        return self.sectors.propose(views, offsets)
+
+    def choose(self, proposals: Proposals) -> StageOutput:
+        """The choice of such a network, the only part of it that is learned."""
+        return self.sectors.choose(proposals)
 
     def check_grid(self, views: Array) -> None:
         """Refuse views of another grid than the configured one.

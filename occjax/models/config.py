@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import NoneType
 from typing import Any, Literal, TypeVar, get_args
 
 OcclusionSource = Literal["none", "coarse", "ground_truth"]
@@ -97,51 +98,39 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class Hourglass:
-    """Aggregation by 3-D convolutions at several resolutions, guided by the centre view.
-
-    The finest level has a quarter of the image's resolution. Each level halves height and width,
-    never the candidates, so that candidates of any number and range can be aggregated.
+class Choice:
+    """Choice among the proposals of each pixel (:class:`occjax.models.choice.ProposalChoice`).
 
     Attributes:
-        widths: Channels of each level, the finest first.
-        convolutions: Convolutions of each level below the finest on the way down; there is one more
-            on the way up.
-    """
-
-    widths: tuple[int, ...] = (16, 32, 48, 64)
-    convolutions: int = 2
-
-
-@dataclass(frozen=True)
-class Planar:
-    """Aggregation by 2-D convolutions at several resolutions, the candidates as channels.
-
-    For refined volumes, whose candidates are always the same.
-
-    Attributes:
-        widths: Channels of each level, the finest first.
-        convolutions: As those of :class:`Hourglass`.
-    """
-
-    widths: tuple[int, ...] = (32, 48, 64, 64, 64)
-    convolutions: int = 2
-
-
-AggregationConfig = Residual | Hourglass | Planar | None
-
-
-@dataclass(frozen=True)
-class RefinementConfig:
-    """The last refinement: sectors and fitted planes propose a disparity, the network decides.
-
-    Attributes:
-        width: Channels of the convolutions.
-        largest_step: Bound of a step, pixels per view step.
+        width: Channels of the convolutions that all proposals share, at half resolution.
+        context: Channels of those that see all proposals of a pixel at once: at half resolution,
+            and at a half of that for each further entry.
     """
 
     width: int = 32
-    largest_step: float = 0.2
+    context: tuple[int, ...] = (48, 48, 64, 64)
+
+
+AggregationConfig = Residual | Choice | None
+
+
+@dataclass(frozen=True)
+class PlaneSteps:
+    """Lucas-Kanade steps of all views, with planes fitted to each: nothing is learned.
+
+    See :func:`occjax.ops.refine_disparity`.
+
+    Attributes:
+        steps: Number of steps.
+        largest_step: Bound of each, pixels per view step.
+        radius: Reach of the planes in the absence of edges, pixels.
+        disparity_edge: Difference of disparity that bounds a plane as much as ``radius`` does.
+    """
+
+    steps: int = 1
+    largest_step: float = 0.1
+    radius: float = 4.0
+    disparity_edge: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -150,25 +139,26 @@ class StageConfig:
 
     Attributes:
         candidates: Disparities of the first stage, or residuals around the stage before it, in
-            pixels per view step.
+            pixels per view step; a stage that makes a ``Choice`` has none.
         volume: ``"concatenate"`` the features of all views (eqs. 2, 3 and 8), or costs in eight
             ``"sectors"`` of the aperture (:mod:`occjax.ops.sectors`), for any arrangement of views.
         aggregation: From the volume to a score for each candidate; None for a first volume of
-            sectors whose semi-global aggregation nothing corrects.
+            sectors, which is aggregated semi-globally.
         occlusion: Disparity from which occlusion weights are made: none (no weights), that of the
             stage before (``"coarse"``), or the ground truth (the paper's upper bound).
         attention: Weight each view by channel attention.
-        semi_global: What a first volume of sectors is aggregated by before the convolutions.
-        plane_steps: Lucas-Kanade steps, with planes fitted to each, before a refined volume of
-            sectors.
-        neighbours: For a refined volume of sectors, how far away, ``(rows, columns)``, are the
-            pixels whose disparity is a candidate too: across an edge it is the right one (the
-            propagation of PatchMatch stereo, Bleyer et al., BMVC 2011).
-        window: Distance from the likeliest candidate, in intervals of the candidates, within which
-            candidates are averaged, so that two surfaces are not; all by default (eq. 10).
+        semi_global: What a first volume of sectors is aggregated by.
+        plane_steps: Before a choice, Lucas-Kanade steps with planes fitted to each.
+        neighbours: For a choice, how far away, ``(rows, columns)``, are the pixels whose disparity
+            is proposed too: across an edge it is the right one (the propagation of PatchMatch
+            stereo, Bleyer et al., BMVC 2011).
+        second: For a choice, how far from the cheapest candidate of the first stage the second one
+            that is proposed must be, pixels per view step.
+        window: Distance from the likeliest candidate, pixels per view step, within which candidates
+            are averaged, so that two surfaces are not; all by default (eq. 10).
     """
 
-    candidates: tuple[float, ...]
+    candidates: tuple[float, ...] = ()
     volume: VolumeKind = "concatenate"
     aggregation: AggregationConfig = Residual()
     occlusion: OcclusionSource = "none"
@@ -176,26 +166,26 @@ class StageConfig:
     semi_global: SemiGlobalConfig | None = None
     plane_steps: int = 0
     neighbours: tuple[tuple[int, int], ...] = ()
+    second: float = 0.7
     window: float | None = None
 
     def __post_init__(self) -> None:
         """Take candidates of any sequence; refuse what cannot be built."""
         object.__setattr__(self, "candidates", tuple(map(float, self.candidates)))
-        if len(self.candidates) < 2 or sorted(set(self.candidates)) != list(self.candidates):
+        chooses = isinstance(self.aggregation, Choice)
+        few = len(self.candidates) < 2 or sorted(set(self.candidates)) != list(self.candidates)
+        if chooses and self.candidates:
+            raise ValueError("a stage that makes a Choice proposes; it has no candidates")
+        if few and not chooses:
             raise ValueError(f"candidates must be two or more, ascending, not {self.candidates}")
         _one_of("volume", self.volume, VolumeKind)
         _one_of("occlusion", self.occlusion, OcclusionSource)
-        sectors = self.volume == "sectors"
-        if sectors == isinstance(self.aggregation, Residual) or (
-            self.aggregation is None and self.semi_global is None
-        ):
-            raise ValueError(
-                "a volume of sectors is aggregated by Hourglass or Planar, no other is"
-            )
-        if sectors and (self.attention or self.occlusion == "ground_truth"):
+        if (self.volume == "sectors") == isinstance(self.aggregation, Residual):
+            raise ValueError("a volume of sectors is aggregated by a Choice or not at all")
+        if self.volume == "sectors" and (self.attention or self.occlusion == "ground_truth"):
             raise ValueError("a volume of sectors has no attention and takes no ground truth")
-        if self.neighbours and not isinstance(self.aggregation, Planar):
-            raise ValueError("neighbours are candidates of refined volumes of sectors alone")
+        if (self.neighbours or self.plane_steps) and not chooses:
+            raise ValueError("neighbours and plane_steps are those of a Choice")
 
 
 @dataclass(frozen=True)
@@ -216,9 +206,7 @@ class NetworkConfig:
             published code, which calls the network once per view.
         reach: Largest offset of a view, in view steps, to which any arrangement is scaled: views
             twice as far apart show the same scene with half the disparity. For ``views=None``.
-        refinement: A last step after the stages, or None.
-        guide_widths: Channels of what guides the aggregations, from a quarter of the resolution of
-            the centre view downwards. For ``views=None``.
+        refinement: Steps after the last stage, or None. For ``views=None``.
     """
 
     stages: tuple[StageConfig, ...]
@@ -229,8 +217,7 @@ class NetworkConfig:
     warp: Warp = "correct"
     feature_statistics: FeatureStatistics = "pooled"
     reach: float = 4.0
-    refinement: RefinementConfig | None = None
-    guide_widths: tuple[int, ...] = (16, 24, 32, 48)
+    refinement: PlaneSteps | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
@@ -249,18 +236,13 @@ class NetworkConfig:
             self._check_grid(*self.views)
 
     def _check_any_views(self) -> None:
-        kinds = [type(stage.aggregation) for stage in self.stages]
-        if kinds[0] is Planar or kinds[1:] != [Planar] * (len(kinds) - 1):
-            raise ValueError("the first volume of sectors needs Hourglass or None, others Planar")
-        hourglass = self.stages[0].aggregation
-        if isinstance(hourglass, Hourglass) and len(hourglass.widths) > len(self.guide_widths):
-            raise ValueError("guide_widths must have as many levels as the Hourglass")
+        kinds = [(type(stage.semi_global), type(stage.aggregation)) for stage in self.stages]
+        if kinds != [(SemiGlobalConfig, NoneType), (NoneType, Choice)]:
+            raise ValueError(
+                "volumes of sectors are two: one aggregated semi-globally, then one for a Choice"
+            )
         if not isinstance(self.features, DerivativeFeatures):
             raise ValueError("volumes of sectors compare DerivativeFeatures")
-        if [stage.semi_global is None for stage in self.stages] != [False] + [True] * (
-            len(kinds) - 1
-        ):
-            raise ValueError("semi-global aggregation is that of the first volume of sectors")
         if self.shared_aggregation or self.warp != "correct":
             raise ValueError("volumes of sectors have no shared aggregation and no transposed warp")
 
@@ -283,12 +265,7 @@ class NetworkConfig:
         """Height and width are padded to a multiple of this many pixels."""
         if self.views is not None:
             return 1
-        levels = [
-            len(stage.aggregation.widths) - 1
-            for stage in self.stages
-            if isinstance(stage.aggregation, Planar)
-        ]
-        return 2 ** max(len(self.guide_widths) + 1, *levels)
+        return 2 ** len(of_kind(self.stages[1].aggregation, Choice).context)
 
 
 def of_kind(value: Any, kind: type[Part]) -> Part:

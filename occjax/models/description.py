@@ -7,12 +7,11 @@ import json
 from typing import Any
 
 from occjax.models.config import (
+    Choice,
     DerivativeFeatures,
     FeatureConfig,
-    Hourglass,
     NetworkConfig,
-    Planar,
-    RefinementConfig,
+    PlaneSteps,
     Residual,
     SemiGlobalConfig,
     StageConfig,
@@ -21,12 +20,11 @@ from occjax.models.config import (
 _KINDS = {
     kind.__name__: kind
     for kind in (
+        Choice,
         DerivativeFeatures,
         FeatureConfig,
-        Hourglass,
         NetworkConfig,
-        Planar,
-        RefinementConfig,
+        PlaneSteps,
         Residual,
         SemiGlobalConfig,
         StageConfig,

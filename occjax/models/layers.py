@@ -43,19 +43,17 @@ class VolumeConv(nn.Module):
     Attributes:
         channels: Number of output channels.
         dtype: Type of the computation; parameters stay float32.
-        kernel_init: First value of the kernel.
     """
 
     channels: int
     dtype: DTypeLike = jnp.float32
-    kernel_init: nn.initializers.Initializer = nn.initializers.lecun_normal()
 
     @nn.compact
     def __call__(self, volume: Float[Array, "d h w c"]) -> Float[Array, "d h w k"]:
         """Convolve."""
         kernel = self.param(
             "kernel",
-            self.kernel_init,
+            nn.initializers.lecun_normal(),
             (3, 3, 3, volume.shape[-1], self.channels),
             jnp.float32,
         )
@@ -71,81 +69,124 @@ class VolumeConv(nn.Module):
         return result.at[:-1].add(plane(volume[1:], 2))
 
 
-class ConvRelu(nn.Module):
-    """3x3 convolution of images ``[N, H, W, C]`` (or planes of a volume), ReLU.
+class ImageConv(nn.Module):
+    """3x3 convolution of images ``[N, H, W, C]``, zero padding, with bias.
 
     Not normalised: a batch on a CPU is a few light fields, and statistics over so few tell the
     layers what those light fields are, which is not there to rely on when there is but one.
 
     Attributes:
         channels: Number of output channels.
-        size: Side length of the kernel, or both.
-        dtype: Type of the computation.
+        dtype: Type of the computation; parameters stay float32.
     """
 
     channels: int
-    size: int | tuple[int, int] = 3
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
     def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n h w k"]:
-        """Convolve, rectify."""
-        size = (self.size, self.size) if isinstance(self.size, int) else self.size
-        conv = nn.Conv(
-            self.channels, size, kernel_init=_KEEPS_VARIANCE, dtype=self.dtype, name="conv"
-        )
-        return nn.relu(conv(images))
+        """Convolve."""
+        shape = (3, 3, images.shape[-1], self.channels)
+        kernel = self.param("kernel", _KEEPS_VARIANCE, shape, jnp.float32)
+        bias = self.param("bias", nn.initializers.zeros, (self.channels,), jnp.float32)
+        images = convolve_images(images.astype(self.dtype), kernel.astype(self.dtype))
+        return images + bias.astype(self.dtype)[None, None, None]
 
 
-class HalvingConvRelu(nn.Module):
-    """4x4 convolution of stride 2, ReLU.
-
-    The kernel is even: an output pixel stands in the middle of its 2x2 input pixels, so that the
-    half-size grid is not displaced by half a pixel.
+class Residual3x3(nn.Module):
+    """``x + conv(relu(conv(x)))``, then ReLU; starts with half of the second convolution.
 
     Attributes:
-        channels: Number of output channels.
         dtype: Type of the computation.
     """
 
-    channels: int
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n i j k"]:
-        """Convolve, rectify; height and width must be even."""
-        conv = nn.Conv(
-            self.channels,
-            (4, 4),
-            strides=2,
-            padding=((1, 1), (1, 1)),
-            kernel_init=_KEEPS_VARIANCE,
-            dtype=self.dtype,
-            name="conv",
-        )
-        return nn.relu(conv(images))
+    def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n h w c"]:
+        """Convolve twice, add."""
+        channels = images.shape[-1]
+        inner = nn.relu(ImageConv(channels, dtype=self.dtype, name="conv_0")(images))
+        return nn.relu(images + 0.5 * ImageConv(channels, dtype=self.dtype, name="conv_1")(inner))
 
 
-class SeparableVolumeConvRelu(nn.Module):
-    """Convolution of a volume over the image, then over the candidates; ReLU after each.
+@jax.custom_vjp
+def convolve_images(
+    images: Float[Array, "n h w c"], kernel: Float[Array, "i j c k"]
+) -> Float[Array, "n h w k"]:
+    """Convolution with zero padding, whose kernel's gradient is quick on a CPU.
 
-    1x3x3 then 3x1x1: less than half the operations of 3x3x3.
+    That gradient is a convolution of the images with the gradient of the result as a kernel as
+    large as the image. Taken image by image, with channels for a batch, XLA computes it there two
+    and a half times as fast as in one. Has no forward-mode derivative.
 
-    Attributes:
-        channels: Number of output channels.
-        dtype: Type of the computation.
+    Args:
+        images: ``[n, h, w, c]``.
+        kernel: ``[i, j, c, k]`` of odd size.
+
+    Returns:
+        ``[n, h, w, k]``.
     """
+    return _convolved(images, kernel)
 
-    channels: int
-    dtype: DTypeLike = jnp.float32
 
-    @nn.compact
-    def __call__(self, volume: Float[Array, "d h w c"]) -> Float[Array, "d h w k"]:
-        """Convolve, rectify, twice."""
-        volume = ConvRelu(self.channels, dtype=self.dtype, name="planes")(volume)
-        d, h, w, c = volume.shape
-        along = ConvRelu(self.channels, (3, 1), dtype=self.dtype, name="candidates")
-        return along(volume.reshape(1, d, h * w, c)).reshape(d, h, w, self.channels)
+def _convolved(images: Array, kernel: Array) -> Array:
+    layout = ("NHWC", "HWIO", "NHWC")
+    return jax.lax.conv_general_dilated(images, kernel, (1, 1), "SAME", dimension_numbers=layout)
+
+
+def _convolve_forward(images: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
+    return _convolved(images, kernel), (images, kernel)
+
+
+def _convolve_backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+    images, kernel = kept
+    of_images = jax.linear_transpose(lambda images: _convolved(images, kernel), images)
+    margins = tuple((size // 2, size // 2) for size in kernel.shape[:2])
+
+    def add_image(total: Array, pair: tuple[Array, Array]):
+        image, gradient = pair
+        result = jax.lax.conv_general_dilated(
+            jnp.moveaxis(image, -1, 0)[..., None],
+            gradient[:, :, None],
+            (1, 1),
+            margins,
+            dimension_numbers=("NHWC", "HWIO", "NHWC"),
+        )
+        return total + jnp.moveaxis(result, 0, 2), None
+
+    of_kernel = jax.lax.scan(add_image, jnp.zeros_like(kernel), (images, gradient))[0]
+    return of_images(gradient)[0], of_kernel
+
+
+convolve_images.defvjp(_convolve_forward, _convolve_backward)
+
+
+def space_to_depth(images: Float[Array, "n h w c"]) -> Float[Array, "n i j k"]:
+    """Each 2x2 pixels as one of four times as many channels; height and width must be even.
+
+    Convolutions of few channels at full resolution take as long as wide ones at half of it.
+
+    Example:
+        >>> space_to_depth(jnp.arange(4.0).reshape(1, 2, 2, 1)).tolist()
+        [[[[0.0, 1.0, 2.0, 3.0]]]]
+    """
+    n, h, w, c = images.shape
+    blocks = images.reshape(n, h // 2, 2, w // 2, 2, c)
+    return blocks.transpose(0, 1, 3, 2, 4, 5).reshape(n, h // 2, w // 2, 4 * c)
+
+
+def depth_to_space(images: Float[Array, "n i j k"]) -> Float[Array, "n h w c"]:
+    """The inverse of :func:`space_to_depth`.
+
+    Example:
+        >>> images = jnp.arange(24.0).reshape(1, 2, 4, 3)
+        >>> bool((depth_to_space(space_to_depth(images)) == images).all())
+        True
+    """
+    n, i, j, k = images.shape
+    blocks = images.reshape(n, i, j, 2, 2, k // 4)
+    return blocks.transpose(0, 1, 3, 2, 4, 5).reshape(n, 2 * i, 2 * j, k // 4)
 
 
 def halve(images: Float[Array, "n h w c"]) -> Float[Array, "n i j c"]:

@@ -9,12 +9,12 @@ from types import MappingProxyType
 
 from occjax.errors import InputError
 from occjax.models.config import (
+    Choice,
     DerivativeFeatures,
     FeatureConfig,
     NetworkConfig,
     OcclusionSource,
-    Planar,
-    RefinementConfig,
+    PlaneSteps,
     Residual,
     SemiGlobalConfig,
     StageConfig,
@@ -61,38 +61,32 @@ def _around(interval: float) -> tuple[float, ...]:
 
 
 _AROUND = (
-    *((-2, 0), (2, 0), (0, -2), (0, 2)),
-    *((-4, -4), (-4, 4), (4, -4), (4, 4)),
+    *((-3, 0), (3, 0), (0, -3), (0, 3)),
+    *((-5, -5), (-5, 5), (5, -5), (5, 5)),
 )
-"""Pixels near enough to be on the same surface, some of them beyond a blurred edge."""
+"""Pixels near enough to be on the same surfaces, some of them beyond a blurred edge."""
 
 
-def _light(guide: tuple[int, ...], planar: tuple[int, ...], convolutions: int) -> NetworkConfig:
+def _light(width: int, context: tuple[int, ...]) -> NetworkConfig:
     """Volumes of sectors for any arrangement of views, in one size."""
-    coarse = StageConfig(
+    search = StageConfig(
         sampled(-4.0, 4.0, 1 / 3),
         volume="sectors",
         aggregation=None,
         attention=False,
         semi_global=SemiGlobalConfig(),
-        window=1.0,
     )
-    refined = StageConfig(
-        sampled(-1 / 4, 1 / 4, 1 / 8),
+    choice = StageConfig(
         volume="sectors",
-        aggregation=Planar(planar, convolutions),
+        aggregation=Choice(width, context),
         occlusion="coarse",
         attention=False,
         plane_steps=3,
         neighbours=_AROUND,
-        window=1.0,
+        window=0.15,
     )
     return NetworkConfig(
-        (coarse, refined),
-        views=None,
-        features=DerivativeFeatures(),
-        refinement=RefinementConfig(width=planar[0]),
-        guide_widths=guide,
+        (search, choice), views=None, features=DerivativeFeatures(), refinement=PlaneSteps()
     )
 
 
@@ -122,9 +116,9 @@ PRESETS: Mapping[str, NetworkConfig] = MappingProxyType(
         "lfattnet": NetworkConfig((StageConfig(_COARSE_9, aggregation=_WIDE),)),
         "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), aggregation=_WIDE),)),
         # For any arrangement of views, without a GPU; in three sizes.
-        "light_small": _light((8, 16, 24, 32), (16, 24, 32, 32, 32), 1),
-        "light": _light((16, 24, 32, 48), (24, 32, 48, 64, 64), 2),
-        "light_large": _light((24, 48, 64, 96), (48, 64, 96, 96, 96), 2),
+        "light_small": _light(16, (24, 24, 32, 32)),
+        "light": _light(32, (48, 48, 64, 64)),
+        "light_large": _light(64, (64, 64, 96, 96)),
         # Same structure as the final model, small enough for tests.
         "tiny": NetworkConfig(
             (

@@ -11,14 +11,20 @@ from occjax.ops.matching import aperture_costs, sector_sums, semi_global
 from occjax.ops.noise import noise_level
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity
-from occjax.ops.regression import Confidence, cheapest, confidence, expected_disparity, soft_argmin
+from occjax.ops.regression import (
+    Confidence,
+    cheapest,
+    confidence,
+    expected_disparity,
+    probability_near,
+    soft_argmin,
+)
 from occjax.ops.sampling import shift, warp
 from occjax.ops.sectors import (
     SectorCosts,
-    SectorSteps,
+    geman_mcclure,
     refined_sector_costs,
     sector_channels,
-    sector_steps,
 )
 from occjax.ops.volume import (
     coarse_volume,
@@ -32,7 +38,6 @@ from occjax.ops.volume import (
 __all__ = [
     "Confidence",
     "SectorCosts",
-    "SectorSteps",
     "aperture_costs",
     "box_filter",
     "central_differences",
@@ -42,6 +47,7 @@ __all__ = [
     "confidence",
     "expected_disparity",
     "fit_planes",
+    "geman_mcclure",
     "group_correlation",
     "mean_and_variance",
     "median_filter",
@@ -49,12 +55,12 @@ __all__ = [
     "noise_level",
     "occlusion_maps",
     "occlusion_weights",
+    "probability_near",
     "refine_disparity",
     "refined_sector_costs",
     "refined_volume",
     "sector_channels",
     "sector_of",
-    "sector_steps",
     "sector_sums",
     "semi_global",
     "shift",

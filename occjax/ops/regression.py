@@ -148,6 +148,39 @@ def confidence(
     return Confidence(deviation, -(probabilities * logarithm).sum(0))
 
 
+def probability_near(
+    probabilities: Float[Array, "d h w"],
+    candidates: Float[Array, " d"] | Float[Array, "d h w"],
+    disparity: Float[Array, "h w"],
+    distance: float,
+) -> Float[Array, "h w"]:
+    """Probability of all candidates about a disparity: how sure a volume is of it.
+
+    Where several candidates of a pixel are about the same, their entropy says nothing.
+
+    Args:
+        probabilities: ``[d, h, w]``, summing to one over d.
+        candidates: ``[d]`` disparities, or ``[d, h, w]`` when each pixel has its own.
+        disparity: ``[h, w]`` in the same terms.
+        distance: Farthest candidate that counts.
+
+    Returns:
+        ``[h, w]`` in [0, 1].
+
+    Raises:
+        InputError: If the candidates do not fit the probabilities.
+
+    Example:
+        >>> volume = jnp.array([0.5, 0.3, 0.2]).reshape(3, 1, 1)
+        >>> candidates = jnp.array([1.0, 1.1, 2.0])
+        >>> round(float(probability_near(volume, candidates, jnp.ones((1, 1)), 0.2)[0, 0]), 2)
+        0.8
+    """
+    probabilities, candidates = _volume_and_candidates(probabilities, candidates, "probabilities")
+    near = jnp.abs(candidates - disparity[None]) <= distance
+    return jnp.where(near, probabilities, 0.0).sum(0)
+
+
 def _volume_and_candidates(
     volume: ArrayLike, candidates: ArrayLike, name: str
 ) -> tuple[Float[Array, "d h w"], Float[Array, "d ..."]]:

@@ -48,9 +48,8 @@ class LossConfig:
         occlusion: Weight of the cross-entropy between each stage's occlusion weights and exact
             visibility. Only for sources that know visibility: elsewhere all views count as visible.
         border: Pixels left out at each side.
-        reach: A stage after the first is judged only where one of its candidates, or the disparity
-            that a last refinement is given, is this near to the truth
-            (:func:`occjax.training.losses.reachable`); everywhere if None.
+        settled: Of a choice among proposals, weight of the pixels for which at most one of them is
+            wrong (:func:`occjax.training.losses.choice_weight`).
     """
 
     penalty: Penalty = "l1"
@@ -59,15 +58,13 @@ class LossConfig:
     distribution: float = 0.0
     occlusion: float = 0.0
     border: int = 0
-    reach: float | None = None
+    settled: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse what has no meaning."""
-        if self.reach is not None:
-            _positive("loss.reach", self.reach)
         _one_of("loss.penalty", self.penalty, Penalty)
         _positive("loss.width", self.width)
-        for name in ("distribution", "occlusion", "border"):
+        for name in ("distribution", "occlusion", "border", "settled"):
             _not_negative(f"loss.{name}", getattr(self, name))
         for weight in self.stage_weights:
             _not_negative("loss.stage_weights", weight)

@@ -19,6 +19,8 @@ from occjax.data.sources import Source, mixture, procedural_source, random_views
 from occjax.data.views import Selection
 from occjax.errors import InputError
 from occjax.models import NetworkConfig
+from occjax.training.prepared import prepared_source
+from occjax.training.step import BatchSource
 from occjax.training.validation import Scene, scenes_from_batch
 
 VALIDATION_SEED = 2**31
@@ -37,6 +39,9 @@ class DataConfig:
         photographs: Whether some of their textures are photographs (needs scikit-image).
         pools: Folders of procedural light fields that were rendered before.
         pool_share: Of light fields of the pools, all pools alike.
+        prepared: Folder in which what a light network chooses from is kept, of the light fields of
+            one pool; then steps train the choice alone, on nothing else. See
+            :mod:`occjax.training.prepared`.
         folders: Scenes with ground truth, or folders of such scenes.
         folder_share: Of patches of these scenes.
         published: Whether patches of scenes are drawn and varied as published, 32x32 pixels;
@@ -54,6 +59,7 @@ class DataConfig:
     photographs: bool = False
     pools: tuple[Path, ...] = ()
     pool_share: float = 1.0
+    prepared: Path | None = None
     folders: tuple[Path, ...] = ()
     folder_share: float = 1.0
     published: bool = False
@@ -62,7 +68,7 @@ class DataConfig:
     seed: int = 0
 
 
-def make_source(config: DataConfig, network: NetworkConfig) -> Source:
+def make_source(config: DataConfig, network: NetworkConfig) -> BatchSource:
     """The source that a configuration describes.
 
     Args:
@@ -79,6 +85,8 @@ def make_source(config: DataConfig, network: NetworkConfig) -> Source:
     _check_views(config.scenes, network)
     views: Selection = config.scenes.views if network.views is None else network.views
     size, seed, augmentation = config.batch_size, config.seed, config.augmentation
+    if config.prepared is not None:
+        return _prepared(config, config.prepared, network)
     parts: dict[Source, float] = {}
     if config.procedural_share > 0.0:
         parts[_procedural(config, size, seed)] = config.procedural_share
@@ -123,7 +131,7 @@ def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
     return scenes_from_batch(source(0), "procedural")
 
 
-def fixed(source: Source) -> Source:
+def fixed(source: BatchSource) -> BatchSource:
     """The first batch of a source in every step: what a network must be able to learn by heart."""
     batch = jax.block_until_ready(source(0))
     return lambda step: batch
@@ -136,6 +144,23 @@ def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
         seed,
         photographs=load_photographs() if config.photographs else None,
         augmentation=config.augmentation,
+    )
+
+
+def _prepared(config: DataConfig, folder: Path, network: NetworkConfig) -> BatchSource:
+    alone = config.procedural_share == 0.0 and not config.folders and not config.arrangements
+    if network.views is not None or not alone or len(config.pools) != 1:
+        raise InputError(
+            "data.prepared is for a network of any arrangement of views, trained on one pool and "
+            "nothing else: pass one folder as data.pools and 0 as data.procedural_share"
+        )
+    return prepared_source(
+        config.pools[0],
+        folder,
+        network,
+        config.batch_size,
+        config.seed,
+        augmentation=config.augmentation or AugmentationConfig(flips=False, turns=False),
     )
 
 

@@ -17,8 +17,6 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from occjax.data.samples import Sample
-from occjax.data.sources import Source
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
 from occjax.models import load_weights, save_weights
@@ -27,7 +25,15 @@ from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.logging import Log
 from occjax.training.optimiser import learning_rate
 from occjax.training.prefetch import prefetch
-from occjax.training.step import TrainState, init_state, shardings, state_of, train_step
+from occjax.training.step import (
+    Batch,
+    BatchSource,
+    TrainState,
+    init_state,
+    shardings,
+    state_of,
+    train_step,
+)
 from occjax.training.validation import SCORE, Scene, check_scenes, validate
 
 WEIGHTS_FILE = "weights.safetensors"
@@ -51,7 +57,7 @@ class Trained(NamedTuple):
 
 def train(
     config: TrainConfig,
-    source: Source,
+    source: BatchSource,
     folder: str | Path,
     *,
     run: RunConfig | None = None,
@@ -100,7 +106,7 @@ def train(
     check_writable(folder)
     check_scenes(validation, border=run.validation_border)
     first = source(0)
-    batch_sharding, state_sharding = shardings(first.views.shape[0])
+    batch_sharding, state_sharding = shardings(first.disparity.shape[0])
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
     claim_folder(folder, {**dataclasses.asdict(config), **described})
 
@@ -144,7 +150,7 @@ def train(
     return Trained(state, int(state.step) >= config.steps, folder / WEIGHTS_FILE)
 
 
-def _first_state(config: TrainConfig, batch: Sample, weights: str | Path | None) -> TrainState:
+def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) -> TrainState:
     if weights is None:
         return init_state(config, batch)
     return state_of(load_weights(weights, config.network)[0], config)

@@ -18,13 +18,14 @@ from occjax.errors import InputError
 from occjax.models.stages import StageOutput
 from occjax.ops import occlusion_weights
 from occjax.training.config import LossConfig, Penalty
+from occjax.training.prepared import PreparedSample
 
 WEIGHT_MARGIN = 1e-4
 """Occlusion weights are kept this far from 0 and 1, where their cross-entropy is infinite."""
 
 
-NEAR = 0.15
-"""Error from which on a candidate is no choice at all, pixels per view step."""
+RIGHT = (0.04, 0.12)
+"""Error up to which a proposal is right, and from which on it is wrong, pixels per view step."""
 
 
 class Total(NamedTuple):
@@ -32,7 +33,7 @@ class Total(NamedTuple):
 
     Attributes:
         value: ``[]`` sum.
-        terms: ``[]`` their number.
+        terms: ``[]`` their number, each counted by its weight.
     """
 
     value: Float[Array, "*b"]
@@ -40,7 +41,7 @@ class Total(NamedTuple):
 
 
 def cascade_loss(
-    outputs: tuple[StageOutput, ...], batch: Sample, config: LossConfig
+    outputs: tuple[StageOutput, ...], batch: Sample | PreparedSample, config: LossConfig
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """Loss of a batch: the weighted sum of every stage's errors (eq. 11 and its extensions).
 
@@ -86,7 +87,10 @@ def cascade_loss(
 
 
 def stage_totals(
-    output: StageOutput, before: StageOutput | None, sample: Sample, config: LossConfig
+    output: StageOutput,
+    before: StageOutput | None,
+    sample: Sample | PreparedSample,
+    config: LossConfig,
 ) -> dict[str, Total]:
     """Errors of one stage on one light field, summed over the pixels that count.
 
@@ -99,59 +103,78 @@ def stage_totals(
     Returns:
         Totals by the name of the error; errors of weight 0 are left out.
     """
-    counted = inside_border(sample.valid, config.border)
+    counted = inside_border(sample.valid, config.border).astype(jnp.float32)
     # An unknown disparity may be NaN, which no factor of zero removes from a gradient.
     truth = jnp.where(sample.valid, sample.disparity, 0.0)
     error = penalty(output.disparity - truth, kind=config.penalty, width=config.width)
     probabilities, candidates = output.probabilities, output.candidates
-    if config.reach is not None and before is not None:
-        counted &= reachable(
-            jax.lax.stop_gradient(before.disparity), candidates, truth, config.reach
-        )
+    relative = truth
+    if before is not None:
+        relative = truth - jax.lax.stop_gradient(before.disparity)
+    chooses = False
+    if candidates is not None and candidates.ndim == 3:
+        chooses = True
+        counted *= choice_weight(candidates, relative, settled=config.settled)
     totals = {"disparity": total(error, counted)}
     if config.distribution > 0.0 and probabilities is not None and candidates is not None:
-        relative = truth
-        if before is not None:
-            relative = truth - jax.lax.stop_gradient(before.disparity)
-        judge = distribution_error if candidates.ndim == 1 else choice_error
-        entropy, covered = judge(probabilities, candidates, relative)
-        totals["distribution"] = total(entropy, counted & covered)
-    if config.occlusion > 0.0 and output.occlusion is not None:
+        if chooses:
+            entropy = choice_error(probabilities, candidates, relative)
+        else:
+            entropy, covered = distribution_error(probabilities, candidates, relative)
+            counted = jnp.where(covered, counted, 0.0)
+        totals["distribution"] = total(entropy, counted)
+    if config.occlusion > 0.0 and output.occlusion is not None and isinstance(sample, Sample):
         entropy = visibility_error(occlusion_weights(output.occlusion), sample.visibility)
-        totals["occlusion"] = total(entropy, counted)
+        totals["occlusion"] = total(entropy, inside_border(sample.valid, config.border))
     return totals
 
 
-def reachable(
-    before: Float[Array, "h w"],
-    candidates: Float[Array, " d"] | Float[Array, "d h w"] | None,
-    truth: Float[Array, "h w"],
-    reach: float,
-) -> Bool[Array, "h w"]:
-    """Whether a stage can be right at all: whether anything it starts from is near the truth.
+def rightness(proposed: Float[Array, "k h w"], truth: Float[Array, "h w"]) -> Float[Array, "k h w"]:
+    """How right each proposal is: 1 up to an error of 0.04, 0 from 0.12 on.
 
-    Where nothing is, whatever the stage answers is wrong, and being trained on it would only teach
-    it that the stage before is not to be trusted.
+    Which of two right proposals is nearer is not for a choice to tell, but for what follows it.
 
     Args:
-        before: ``[h, w]`` disparity of the stage before.
-        candidates: ``[d]`` or ``[d, h, w]`` around it; None if there are none.
-        truth: ``[h, w]``.
-        reach: Distance that counts as near, pixels per view step.
+        proposed: ``[k, h, w]`` disparities.
+        truth: ``[h, w]`` in the same terms.
 
     Returns:
-        ``[h, w]``.
+        ``[k, h, w]`` in [0, 1].
 
     Example:
-        >>> before, truth = jnp.zeros((1, 2)), jnp.array([[0.4, 0.9]])
-        >>> reachable(before, jnp.array([-0.25, 0.0, 0.25]), truth, 0.2).tolist()
-        [[True, False]]
+        >>> errors = jnp.array([0.0, 0.08, 0.2]).reshape(3, 1, 1)
+        >>> rightness(errors, jnp.zeros((1, 1)))[:, 0, 0].round(2).tolist()
+        [1.0, 0.5, 0.0]
     """
-    away = truth - before
-    if candidates is None:
-        return jnp.abs(away) <= reach
-    values = candidates if candidates.ndim == 3 else candidates[:, None, None]
-    return jnp.abs(away[None] - values).min(0) <= reach
+    right, wrong = RIGHT
+    return jnp.clip((wrong - jnp.abs(proposed - truth[None])) / (wrong - right), 0.0, 1.0)
+
+
+def choice_weight(
+    proposed: Float[Array, "k h w"], truth: Float[Array, "h w"], *, settled: float
+) -> Float[Array, "h w"]:
+    """How much a pixel counts in learning to choose.
+
+    Where no proposal is right, whatever is chosen is wrong: to be trained on it would only teach
+    that no proposal is to be trusted. Where all but one of them are right, there is hardly a
+    choice.
+
+    Args:
+        proposed: ``[k, h, w]`` disparities.
+        truth: ``[h, w]`` in the same terms.
+        settled: Weight of pixels for which at most one proposal is wrong.
+
+    Returns:
+        ``[h, w]``: 0, ``settled`` or 1.
+
+    Example:
+        >>> proposed = jnp.array([[0.0, 0.0, 5.0], [0.0, 1.0, 5.0], [0.0, 1.0, 5.0]])[:, None]
+        >>> choice_weight(proposed, jnp.zeros((1, 3)), settled=0.2).round(1).tolist()
+        [[0.20000000298023224, 1.0, 0.0]]
+    """
+    right = jax.lax.stop_gradient(rightness(proposed, truth)) > 0.5
+    wrong = (~right).sum(0, dtype=jnp.float32)
+    return jnp.where(right.any(0), jnp.where(wrong <= 1.0, settled, 1.0), 0.0)
 
 
 def penalty(
@@ -232,38 +255,33 @@ def distribution_error(
 
 
 def choice_error(
-    probabilities: Float[Array, "d h w"],
-    candidates: Float[Array, "d h w"],
+    probabilities: Float[Array, "k h w"],
+    proposed: Float[Array, "k h w"],
     truth: Float[Array, "h w"],
-) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
-    """Cross-entropy of choosing a candidate near the truth, where each pixel has its own.
+) -> Float[Array, "h w"]:
+    """Cross-entropy of choosing a right proposal, where each pixel has its own.
 
-    Several candidates may be about the same, as those of a pixel's neighbours on one surface are:
-    it does not matter which of them is chosen. A candidate counts by how near it is,
-    ``1 - |candidate - truth| / 0.15``.
+    Several proposals may be about the same, as those of a pixel's neighbours on one surface are:
+    it does not matter which of them is chosen.
 
     Args:
-        probabilities: ``[d, h, w]`` of the candidates.
-        candidates: ``[d, h, w]``, in any order.
+        probabilities: ``[k, h, w]`` of the proposals.
+        proposed: ``[k, h, w]``, in any order.
         truth: ``[h, w]`` in the same terms.
 
     Returns:
-        ``[h, w]`` cross-entropy in nats, and ``[h, w]`` whether any candidate is near the truth;
-        elsewhere the cross-entropy means nothing.
+        ``[h, w]`` in nats; means nothing where no proposal is right.
 
     Example:
         >>> thirds = jnp.full((3, 1, 1), 1 / 3)
-        >>> candidates = jnp.array([0.2, 0.2, 0.9]).reshape(3, 1, 1)
-        >>> entropy, covered = choice_error(thirds, candidates, jnp.array([[0.2]]))
-        >>> round(float(entropy[0, 0]), 3), bool(covered[0, 0])  # -log(2 / 3)
-        (0.405, True)
+        >>> proposed = jnp.array([0.2, 0.2, 0.9]).reshape(3, 1, 1)
+        >>> round(float(choice_error(thirds, proposed, jnp.array([[0.2]]))[0, 0]), 3)  # -log(2 / 3)
+        0.405
     """
-    candidates = jax.lax.stop_gradient(candidates)
-    near = jnp.maximum(1.0 - jnp.abs(candidates - truth[None]) / NEAR, 0.0)
-    found = near.max(0)
-    # What no candidate could reach is no fault of the choice.
-    chosen = (probabilities * near).sum(0) / jnp.maximum(found, 1e-3)
-    return -jnp.log(jnp.maximum(chosen, 1e-6)), found > 0.1
+    right = jax.lax.stop_gradient(rightness(proposed, truth))
+    # What no proposal could reach is no fault of the choice.
+    chosen = (probabilities * right).sum(0) / jnp.maximum(right.max(0), 1e-3)
+    return -jnp.log(jnp.maximum(chosen, 1e-6))
 
 
 def visibility_error(
@@ -295,6 +313,7 @@ def inside_border(valid: Bool[Array, "h w"], border: int) -> Bool[Array, "h w"]:
     return valid & inside
 
 
-def total(values: Float[Array, "h w"], counted: Bool[Array, "h w"]) -> Total:
-    """Sum of the values of the pixels that count, and how many they are."""
-    return Total(jnp.where(counted, values, 0.0).sum(), counted.sum(dtype=values.dtype))
+def total(values: Float[Array, "h w"], weights: Float[Array, "h w"] | Bool[Array, "h w"]) -> Total:
+    """Weighted sum of the values of the pixels that count, and the sum of the weights."""
+    weights = weights.astype(values.dtype)
+    return Total(jnp.where(weights > 0.0, values * weights, 0.0).sum(), weights.sum())

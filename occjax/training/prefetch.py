@@ -8,18 +8,17 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import jax
 
-from occjax.data.samples import Sample
-from occjax.data.sources import Source
+from occjax.training.step import Batch, BatchSource
 
 
 def prefetch(
-    source: Source,
+    source: BatchSource,
     first: int,
     end: int,
     *,
     ahead: int = 2,
     sharding: jax.sharding.Sharding | None = None,
-) -> Generator[tuple[int, Sample], None, None]:
+) -> Generator[tuple[int, Batch], None, None]:
     """Steps ``first`` to ``end - 1`` with their batches.
 
     Args:
@@ -33,12 +32,12 @@ def prefetch(
         Number of the step and its batch.
     """
 
-    def make(step: int) -> Sample:
+    def make(step: int) -> Batch:
         batch = source(step)
         return batch if sharding is None else jax.device_put(batch, sharding)
 
     pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="batches")
-    waiting: deque[Future[Sample]] = deque()
+    waiting: deque[Future[Batch]] = deque()
     try:
         for step in range(first, end):
             while len(waiting) <= ahead and step + len(waiting) < end:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.scene_config import SceneConfig
+from occjax.data.scene_config import TEXTURED, SceneConfig
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, preset
 from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
@@ -37,19 +37,17 @@ def light() -> Recipe:
     """The light network on procedural light fields.
 
     Command: ``occjax train runs/light --recipe light``; on a CPU from a pool, with
-    ``--data.procedural-share 0 --data.pools FOLDER``.
+    ``--data.procedural-share 0 --data.pools POOL --data.prepared FOLDER``.
     """
-    optimiser = OptimiserConfig(peak_rate=1.5e-3, warm_up=100, weight_decay=1e-4, clip=1.0)
-    loss = LossConfig(penalty="log", width=0.05, distribution=0.3, reach=0.2)
-    # The camera's own noise is among the generator's defects.
+    optimiser = OptimiserConfig(peak_rate=2e-3, warm_up=200, weight_decay=1e-4, clip=1.0)
+    loss = LossConfig(penalty="log", width=0.05, distribution=1.0, settled=0.2)
+    # The camera's own faults are among the generator's.
     augmentation = AugmentationConfig(
-        crop=(128, 128), contrast=1.4, noise=0.005, noise_probability=0.2
+        crop=(96, 96), gamma=1.0, contrast=1.2, brightness=0.0, noise=0.008, noise_probability=0.3
     )
     return Recipe(
-        TrainConfig(preset("light"), loss, optimiser, steps=20_000, ema_decay=0.995),
-        DataConfig(
-            batch_size=4, scenes=SceneConfig(image_size=(144, 144)), augmentation=augmentation
-        ),
+        TrainConfig(preset("light"), loss, optimiser, steps=20_000, ema_decay=0.997),
+        DataConfig(batch_size=4, photographs=True, scenes=TEXTURED, augmentation=augmentation),
     )
 
 

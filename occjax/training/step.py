@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,10 +16,18 @@ from jaxtyping import Array, Float, Int
 
 from occjax.data.samples import Sample
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
+from occjax.models.config import of_kind
 from occjax.models.layers import BATCH_AXIS
 from occjax.training.config import TrainConfig
 from occjax.training.losses import cascade_loss, inside_border
 from occjax.training.optimiser import make_optimiser
+from occjax.training.prepared import PreparedSample, unpack
+
+Batch = Sample | PreparedSample
+"""What a step takes: light fields, or what the choice of a light network needs of them."""
+
+BatchSource = Callable[[int], Batch]
+"""Gives the batch of a step, see :data:`occjax.data.sources.Source`."""
 
 BAD = 0.07
 """Error above which a pixel counts as bad in the log, pixels per view step."""
@@ -45,7 +54,7 @@ class TrainState(NamedTuple):
     ema: dict[str, Any]
 
 
-def init_state(config: TrainConfig, batch: Sample) -> TrainState:
+def init_state(config: TrainConfig, batch: Batch) -> TrainState:
     """State before the first step, with random weights.
 
     Args:
@@ -56,14 +65,14 @@ def init_state(config: TrainConfig, batch: Sample) -> TrainState:
         The state; the same for the same seed.
     """
     one = jax.tree.map(lambda field: jnp.asarray(field[0]), batch)
-    inputs = network_inputs(config.network, one)
-    variables = _first_variables(jax.random.key(config.seed), one.views, inputs, config.network)
-    return state_of(variables, config)
+    return state_of(_first_variables(jax.random.key(config.seed), one, config.network), config)
 
 
 @partial(jax.jit, static_argnames="network")
-def _first_variables(key: Array, views: Array, inputs: dict, network: NetworkConfig) -> dict:
-    return dict(OccCasNet(network).init(key, views, **inputs))
+def _first_variables(key: Array, one: Batch, network: NetworkConfig) -> dict:
+    if isinstance(one, PreparedSample):
+        return dict(OccCasNet(network).init(key, unpack(one.packed), method="choose"))
+    return dict(OccCasNet(network).init(key, one.views, **network_inputs(network, one)))
 
 
 def state_of(variables: dict, config: TrainConfig) -> TrainState:
@@ -89,7 +98,7 @@ def state_of(variables: dict, config: TrainConfig) -> TrainState:
 
 @partial(jax.jit, static_argnames="config", donate_argnames="state")
 def train_step(
-    state: TrainState, batch: Sample, *, config: TrainConfig
+    state: TrainState, batch: Batch, *, config: TrainConfig
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
     """One step of the optimiser on a batch.
 
@@ -131,7 +140,7 @@ def train_step(
 
 
 def apply_to_batch(
-    params: dict, batch_stats: dict, batch: Sample, config: TrainConfig
+    params: dict, batch_stats: dict, batch: Batch, config: TrainConfig
 ) -> tuple[tuple[StageOutput, ...], dict]:
     """The network in training, on every example of a batch.
 
@@ -146,6 +155,8 @@ def apply_to_batch(
     """
     network = OccCasNet(config.network, dtype=config.precision)
     variables = {"params": params, "batch_stats": batch_stats}
+    if isinstance(batch, PreparedSample):
+        return _choices(network, variables, batch), batch_stats
 
     def one(sample):
         outputs, changed = network.apply(
@@ -158,6 +169,20 @@ def apply_to_batch(
         return outputs, changed.get("batch_stats", {})
 
     return jax.vmap(one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
+
+
+def _choices(network: OccCasNet, variables: dict, batch: PreparedSample) -> tuple[StageOutput, ...]:
+    """The disparity before the choice, and the choice.
+
+    One example after the other: they share no statistics, and on a CPU that is quicker than vmap,
+    and than a loop that XLA sees.
+    """
+    outputs = []
+    for index in range(batch.disparity.shape[0]):
+        proposals = unpack(jax.tree.map(lambda field, index=index: field[index], batch.packed))
+        outputs.append(of_kind(network.apply(variables, proposals, method="choose"), StageOutput))
+    before = StageOutput(batch.packed.disparity, None, None)
+    return before, jax.tree.map(lambda *fields: jnp.stack(fields), *outputs)
 
 
 def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:
@@ -212,7 +237,7 @@ def network_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Any]:
 
 
 def _bad_percentage(
-    disparity: Float[Array, "b h w"], batch: Sample, border: int
+    disparity: Float[Array, "b h w"], batch: Batch, border: int
 ) -> Float[Array, ""]:
     counted = jax.vmap(partial(inside_border, border=border))(batch.valid)
     bad = counted & (jnp.abs(disparity - batch.disparity) > BAD)

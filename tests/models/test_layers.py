@@ -10,7 +10,15 @@ import pytest
 from occjax.models import preset
 from occjax.models.aggregation import ViewAttention
 from occjax.models.features import FeatureNetwork, upsample
-from occjax.models.layers import VolumeConv
+from occjax.models.layers import (
+    Residual3x3,
+    VolumeConv,
+    convolve_images,
+    depth_to_space,
+    double,
+    halve,
+    space_to_depth,
+)
 from tests.reference.variables import random_variables
 
 
@@ -65,3 +73,67 @@ def test_features_of_a_view_do_not_depend_on_the_other_views():
     changed = features(variables, images.at[0].set(0.0).at[2].set(1.0))
     np.testing.assert_array_equal(together[1], changed[1])
     assert np.abs(together[0] - changed[0]).max() > 0.01
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_the_quick_gradient_of_a_convolution_is_that_of_the_plain_one(size, tolerance):
+    generator = np.random.default_rng(1)
+    images, kernel, weights = (
+        jnp.asarray(generator.normal(size=shape), jnp.float32)
+        for shape in ((3, 5, 7, 2), (size, size, 2, 4), (3, 5, 7, 4))
+    )
+
+    def plain(images, kernel):
+        layout = ("NHWC", "HWIO", "NHWC")
+        return jax.lax.conv_general_dilated(
+            images, kernel, (1, 1), "SAME", dimension_numbers=layout
+        )
+
+    def weighted(convolve):
+        return lambda *arguments: (weights * convolve(*arguments)).sum()
+
+    np.testing.assert_array_equal(convolve_images(images, kernel), plain(images, kernel))
+    found, expected = (
+        jax.grad(weighted(convolve), (0, 1))(images, kernel)
+        for convolve in (convolve_images, plain)
+    )
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, **tolerance("float32"))
+
+
+def test_four_pixels_become_four_groups_of_channels_and_back():
+    images = np.random.default_rng(0).normal(size=(2, 4, 6, 3)).astype(np.float32)
+    blocks = np.asarray(space_to_depth(jnp.asarray(images)))
+    for row, column in np.ndindex(2, 2):
+        first = 3 * (2 * row + column)
+        expected = images[:, row::2, column::2]
+        np.testing.assert_array_equal(blocks[..., first : first + 3], expected)
+    np.testing.assert_array_equal(depth_to_space(jnp.asarray(blocks)), images)
+
+
+def test_halving_takes_means_and_doubling_repeats():
+    image = jnp.asarray(np.random.default_rng(0).random((2, 3, 4, 5)), jnp.float32)
+    np.testing.assert_allclose(halve(double(image)), image, rtol=1e-6)
+    np.testing.assert_array_equal(double(image)[:, 1::2, ::2], image)
+    blocks = image[:, :2].reshape(2, 1, 2, 2, 2, 5)
+    np.testing.assert_allclose(halve(image[:, :2]), blocks.mean((2, 4)), rtol=1e-6)
+
+
+def test_a_residual_block_adds_half_of_what_two_convolutions_make():
+    layer = Residual3x3()
+    images = jnp.asarray(np.random.default_rng(0).normal(size=(1, 4, 5, 2)), jnp.float32)
+    variables = random_variables_of(layer, images)
+    first, second = (variables["params"][name] for name in ("conv_0", "conv_1"))
+    inner = jax.nn.relu(convolve_images(images, first["kernel"]) + first["bias"])
+    added = convolve_images(inner, second["kernel"]) + second["bias"]
+    expected = np.maximum(images + 0.5 * added, 0)
+    np.testing.assert_allclose(layer.apply(variables, images), expected, atol=1e-5)
+
+
+def random_variables_of(layer, *arguments):
+    """Of any layer, biases too."""
+    generator = np.random.default_rng(5)
+    return jax.tree.map(
+        lambda array: jnp.asarray(generator.normal(size=array.shape), jnp.float32),
+        layer.init(jax.random.key(0), *arguments),
+    )

@@ -212,3 +212,21 @@ def test_gradients_through_softmax_are_finite_however_sure_it_is(gap):
     costs = np.float32(gap) * (1 - one_hot(2))
     gradients = jax.jit(jax.grad(total, argnums=(0, 1)))(costs, CANDIDATES["shared"])
     assert all(np.all(np.isfinite(gradient)) for gradient in gradients)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_probability_near_sums_what_is_within_reach(own, tolerance):
+    generator = np.random.default_rng(0)
+    probabilities = generator.dirichlet(np.ones(6), (4, 5)).transpose(2, 0, 1)
+    candidates = generator.uniform(-1, 1, (6, 4, 5) if own else 6)
+    disparity = generator.uniform(-1, 1, (4, 5))
+    found = ops.probability_near(
+        *(jnp.asarray(each, jnp.float32) for each in (probabilities, candidates, disparity)), 0.4
+    )
+    expected = np.zeros((4, 5))
+    for k, y, x in np.ndindex(6, 4, 5):
+        value = candidates[k, y, x] if own else candidates[k]
+        if abs(value - disparity[y, x]) <= 0.4:
+            expected[y, x] += probabilities[k, y, x]
+    np.testing.assert_allclose(found, expected, **tolerance("float32"))
+    assert 0 < expected.max() < 1

@@ -27,52 +27,20 @@ def window_mean(image, y, x):
     return image[np.ix_(rows, columns)].mean()
 
 
-def warped(view, disparity, offset):
-    result = np.empty_like(disparity, dtype=float)
-    for y, x in np.ndindex(*disparity.shape):
-        result[y, x] = bilinear(
-            view, *np.clip([y, x] - disparity[y, x] * offset, 0, np.array(view.shape) - 1)
-        )
-    return result
-
-
-def visibility(view, centre, disparity, offset, tolerance):
-    """Weight of a view at each pixel."""
-    squared = np.square(warped(view, disparity, offset) - centre)
-    result = np.zeros_like(squared)
-    for y, x in np.ndindex(*disparity.shape):
-        if inside(view, *([y, x] - disparity[y, x] * offset)):
-            result[y, x] = 1 / (1 + window_mean(squared, y, x) / tolerance**2)
-    return result
-
-
-def refined_sector_costs(features, disparities, offsets, tolerance):
+def refined_sector_costs(features, disparities, offsets, penalties):
+    """``penalties`` of the differences ``[c]`` at one pixel, a list of measures."""
     centre = features[features.shape[0] // 2, features.shape[1] // 2]
-    sums = np.zeros((8, *disparities.shape))
-    weights = np.zeros_like(sums)
+    measures = len(penalties(np.zeros(features.shape[-1])))
+    sums = np.zeros((measures, 8, *disparities.shape))
+    weights = np.zeros(sums.shape[1:])
     for index, offset, number in others(offsets):
         for k, y, x in np.ndindex(*disparities.shape):
             position = [y, x] - disparities[k, y, x] * offset
             if inside(features[index], *position):
-                square = np.square(bilinear(features[index], *position) - centre[y, x])
-                sums[number, k, y, x] += (square / (square + np.square(tolerance))).mean()
+                difference = bilinear(features[index], *position) - centre[y, x]
+                sums[:, number, k, y, x] += penalties(difference)
                 weights[number, k, y, x] += 1
     return sums, weights
-
-
-def sector_steps(views, disparity, offsets, tolerance):
-    """Information, push and squares."""
-    centre = views[views.shape[0] // 2, views.shape[1] // 2]
-    padded = np.pad(centre, 1, mode="edge")
-    down = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / 2
-    right = (padded[1:-1, 2:] - padded[1:-1, :-2]) / 2
-    sums = np.zeros((3, 8, *disparity.shape))
-    for index, offset, number in others(offsets):
-        visible = visibility(views[index], centre, disparity, offset, tolerance)
-        residual = warped(views[index], disparity, offset) - centre
-        slope = -(offset[0] * down + offset[1] * right)
-        sums[:, number] += visible * np.stack([slope**2, -slope * residual, residual**2])
-    return sums / (offsets.shape[0] * offsets.shape[1] - 1)
 
 
 def sector_channels(sums, weights):

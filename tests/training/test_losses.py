@@ -11,10 +11,10 @@ from occjax.models import StageOutput
 from occjax.training import LossConfig, cascade_loss
 from occjax.training.losses import (
     choice_error,
+    choice_weight,
     distribution_error,
     inside_border,
     penalty,
-    reachable,
     visibility_error,
 )
 from tests.ops.derivatives import assert_derivatives
@@ -176,67 +176,56 @@ def test_a_stage_is_not_judged_by_the_distribution_of_the_next():
     assert distribution(outputs[0].disparity + 0.1) != distribution(outputs[0].disparity)
 
 
-def test_a_choice_is_judged_by_the_probability_of_what_is_near_the_truth():
+def test_a_choice_is_judged_by_the_probability_of_what_is_right():
     generator = np.random.default_rng(2)
     probabilities = random_probabilities(generator, 5, 4, 6)
-    candidates = generator.uniform(-1.0, 1.0, (5, 4, 6))
-    truth = generator.uniform(-1.2, 1.2, (4, 6))
-    entropy, covered = choice_error(
-        *(jnp.asarray(each, jnp.float32) for each in (probabilities, candidates, truth))
-    )
+    proposed = generator.uniform(-0.4, 0.4, (5, 4, 6))
+    truth = generator.uniform(-0.3, 0.3, (4, 6))
+    arguments = [jnp.asarray(each, jnp.float32) for each in (probabilities, proposed, truth)]
+    entropy, weight = choice_error(*arguments), choice_weight(*arguments[1:], settled=0.25)
     for y, x in np.ndindex(4, 6):
-        near = np.maximum(1 - np.abs(candidates[:, y, x] - truth[y, x]) / 0.15, 0)
-        assert covered[y, x] == (near.max() > 0.1)
-        if covered[y, x]:
-            chosen = (near * probabilities[:, y, x]).sum() / near.max()
+        error = np.abs(proposed[:, y, x] - truth[y, x])
+        right = np.interp(error, [0.04, 0.12], [1.0, 0.0])
+        wrong = (error > 0.08).sum()
+        assert weight[y, x] == (0.0 if wrong == 5 else 0.25 if wrong <= 1 else 1.0)
+        if right.max() > 0.5:
+            chosen = (right * probabilities[:, y, x]).sum() / right.max()
             np.testing.assert_allclose(entropy[y, x], -np.log(chosen), rtol=1e-4)
-    assert 0 < covered.sum() < covered.size
+    assert set(np.unique(weight)) == {0.0, 1.0}
+    same = jnp.broadcast_to(arguments[2], (5, 4, 6))
+    assert set(np.unique(choice_weight(same, arguments[2], settled=0.25))) == {0.25}
 
 
 def test_the_right_choice_costs_nothing_however_it_is_split():
     probabilities = jnp.array([0.5, 0.5, 0.0]).reshape(3, 1, 1)
-    candidates = jnp.array([0.3, 0.3, 0.8]).reshape(3, 1, 1)
-    entropy, _ = choice_error(probabilities, candidates, jnp.array([[0.3]]))
+    proposed = jnp.array([0.3, 0.33, 0.8]).reshape(3, 1, 1)
+    entropy = choice_error(probabilities, proposed, jnp.array([[0.3]]))
     np.testing.assert_allclose(entropy, 0.0, atol=1e-6)
 
 
-def test_candidates_of_each_pixel_are_judged_by_the_choice():
-    """Relative to the stage before, as those that all pixels share."""
+def test_a_choice_counts_where_there_is_one_to_learn():
+    """Relative to the stage before; its disparity and its probabilities count alike."""
     outputs, sample = two_stages()
-    residuals = jnp.broadcast_to(
-        jnp.asarray(FINE, jnp.float32)[None, :, None, None], outputs[1].probabilities.shape
+    generator = np.random.default_rng(4)
+    away = sample.disparity - outputs[0].disparity
+    proposed = away[:, None] + jnp.asarray(
+        generator.choice([0.0, 0.02, 0.3, -0.5], outputs[1].probabilities.shape), jnp.float32
     )
-    outputs = (outputs[0], outputs[1]._replace(candidates=residuals))
-    _, errors = cascade_loss(outputs, sample, LossConfig(distribution=1.0))
-    terms = []
+    outputs = (outputs[0], outputs[1]._replace(candidates=proposed))
+    config = LossConfig(distribution=1.0, settled=0.1)
+    _, errors = cascade_loss(outputs, sample, config)
+    weights, entropies = [], []
     for item in range(sample.valid.shape[0]):
-        entropy, covered = choice_error(
-            outputs[1].probabilities[item],
-            residuals[item],
-            sample.disparity[item] - outputs[0].disparity[item],
-        )
-        terms.append(np.asarray(entropy)[np.asarray(covered & sample.valid[item])])
-    np.testing.assert_allclose(errors["distribution_1"], np.concatenate(terms).mean(), rtol=1e-5)
-
-
-def test_only_what_a_stage_can_reach_is_judged():
-    outputs, sample = two_stages()
-    _, errors = cascade_loss(outputs, sample, LossConfig(reach=0.1))
+        arguments = proposed[item], away[item]
+        weights.append(jnp.where(sample.valid[item], choice_weight(*arguments, settled=0.1), 0.0))
+        entropies.append(choice_error(outputs[1].probabilities[item], *arguments))
+    assert len(np.unique(weights)) == 3
+    error = jnp.abs(outputs[1].disparity - sample.disparity)
+    for name, values in (("distribution_1", entropies), ("disparity_1", error)):
+        expected = np.average(np.asarray(values), weights=np.asarray(weights))
+        np.testing.assert_allclose(errors[name], expected, rtol=1e-5)
     _, everywhere = cascade_loss(outputs, sample, LossConfig())
-    away = np.asarray(sample.disparity - outputs[0].disparity)
-    near = np.abs(away[..., None] - FINE).min(-1) <= 0.1
-    counted = near & np.asarray(sample.valid)
-    assert 0 < counted.sum() < sample.valid.sum()
-    error = np.abs(np.asarray(outputs[1].disparity - sample.disparity))
-    np.testing.assert_allclose(errors["disparity_1"], error[counted].mean(), rtol=1e-5)
     np.testing.assert_allclose(errors["disparity_0"], everywhere["disparity_0"])  # all of it
-
-
-def test_what_is_in_reach_goes_by_the_candidates_of_each_pixel_or_by_nothing_but_the_disparity():
-    before, truth = jnp.array([[1.0, 1.0]]), jnp.array([[1.4, 1.1]])
-    candidates = jnp.array([[[0.5, -3.0]], [[2.0, 2.0]]])
-    assert reachable(before, candidates, truth, 0.15).tolist() == [[True, False]]
-    assert reachable(before, None, truth, 0.15).tolist() == [[False, True]]
 
 
 def test_occlusion_weights_are_judged_by_visibility():

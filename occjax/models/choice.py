@@ -1,0 +1,135 @@
+"""The learned part of the light network: which of its proposals each pixel takes."""
+
+from __future__ import annotations
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+from occjax.models.config import Choice
+from occjax.models.layers import (
+    ImageConv,
+    Residual3x3,
+    depth_to_space,
+    double,
+    halve,
+    space_to_depth,
+)
+from occjax.models.proposals import Proposals
+from occjax.ops.filtering import central_differences
+
+LITTLE = 0.003
+"""Cost below which differences between proposals are noise."""
+
+UNTRAINED = 3.0
+"""Score, before training, of the disparity as it is; all other proposals have 0."""
+
+
+class ProposalChoice(nn.Module):
+    """A score for each proposal of each pixel.
+
+    All proposals go through the same convolutions, so what is learned of one is learned of all and
+    their number and order do not matter. Twice they hear of each other: through the mean and the
+    maximum over the proposals, which a second, narrowing network looks at together with the centre
+    view. All of it works at half resolution with the four pixels of a block as channels.
+
+    Attributes:
+        config: Its widths.
+        dtype: Type of the convolutions.
+    """
+
+    config: Choice
+    dtype: DTypeLike = jnp.float32
+
+    @nn.compact
+    def __call__(self, proposals: Proposals) -> Float[Array, "k h w"]:
+        """Scores; the higher, the likelier the proposal.
+
+        Args:
+            proposals: Of images whose height and width are multiples of
+                ``2 ** len(config.context)``.
+        """
+        width = self.config.width
+        level = proposals.costs.mean(1)
+
+        def per_pixel(maps: Float[Array, "n c h w"]) -> Float[Array, "n i j _"]:
+            return space_to_depth(jnp.moveaxis(maps, 1, -1)).astype(self.dtype)
+
+        x = per_pixel(_what_speaks_for_each(proposals, level))
+        x = nn.relu(nn.Dense(width, dtype=self.dtype, name="enter")(x))
+        x = Residual3x3(dtype=self.dtype, name="residual_0")(x)
+        seen = [
+            (proposals.centre - 0.5)[None],
+            jnp.stack(central_differences(proposals.disparity)),
+            proposals.spread,
+            # Relative costs do not know how much the views differ at all.
+            0.3 * jnp.log(level + LITTLE),
+        ]
+        context = self._context(
+            jnp.concatenate([_over_all(x), per_pixel(jnp.concatenate(seen)[None])], axis=-1)
+        )
+        gate, shift = jnp.split(
+            nn.Dense(2 * width, dtype=self.dtype, name="context")(context), 2, axis=-1
+        )
+        x = _normalised(x * nn.sigmoid(gate) + shift, "gated", self.dtype)
+        x = Residual3x3(dtype=self.dtype, name="residual_1")(x)
+        others = nn.Dense(width, dtype=self.dtype, name="others")(_over_all(x))
+        x = nn.relu(ImageConv(width, dtype=self.dtype, name="leave")(x) + others)
+        score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")(x)
+        scores = depth_to_space(score)[..., 0].astype(jnp.float32)
+        stay = self.param("stay", nn.initializers.constant(UNTRAINED), (), jnp.float32)
+        return scores.at[0].add(stay)
+
+    def _context(self, x: Float[Array, "1 i j c"]) -> Float[Array, "1 i j k"]:
+        """What large surroundings say, from half the resolution down and back."""
+        widths = self.config.context
+
+        def block(x, level, name):
+            x = ImageConv(widths[level], dtype=self.dtype, name=name)(x)
+            return _normalised(x, name, self.dtype)
+
+        x = nn.Dense(widths[0], dtype=self.dtype, name="context_enter")(x)
+        x = _normalised(x, "context_enter", self.dtype)
+        levels = [block(x, 0, "level_0")]
+        for level in range(1, len(widths)):
+            x = block(halve(levels[-1]), level, f"down_{level}_0")
+            levels.append(block(x, level, f"down_{level}_1"))
+        x = levels[-1]
+        for level in reversed(range(len(widths) - 1)):
+            below = nn.Dense(widths[level], dtype=self.dtype, name=f"widen_{level}")(x)
+            x = block(levels[level] + double(below), level, f"up_{level}")
+        return x
+
+
+def _normalised(x: Float[Array, "n i j c"], name: str, dtype: DTypeLike) -> Array:
+    """Normalise over the channels of each pixel, rectify.
+
+    Without it so many layers one after the other grow without bounds. Statistics over pixels or
+    over light fields would depend on what else there is.
+    """
+    return nn.relu(nn.LayerNorm(dtype=dtype, name=f"{name}_norm")(x))
+
+
+def _what_speaks_for_each(
+    proposals: Proposals, level: Float[Array, "13 h w"]
+) -> Float[Array, "k 28 h w"]:
+    """Costs relative to their mean over the proposals, costs as they are, how far it would go.
+
+    What the contrast of the texture is must not matter for which proposal is the best.
+    """
+    relative = proposals.costs / (level + LITTLE)[:, None] - 1.0
+    move = proposals.proposed - proposals.disparity[None]
+    maps = [
+        jnp.clip(relative, -1.0, 3.0),
+        jnp.sqrt(proposals.costs),
+        (move / (jnp.abs(move) + 0.2))[None],
+        jnp.clip(move / 0.2, -1.0, 1.0)[None],
+    ]
+    return jax.lax.stop_gradient(jnp.swapaxes(jnp.concatenate(maps), 0, 1))
+
+
+def _over_all(x: Float[Array, "k i j c"]) -> Float[Array, "1 i j _"]:
+    """Mean and maximum over the proposals."""
+    return jnp.concatenate([x.mean(0, keepdims=True), x.max(0, keepdims=True)], axis=-1)

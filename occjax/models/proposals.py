@@ -1,0 +1,238 @@
+"""What the light network chooses from: disparities proposed for each pixel, and their costs.
+
+All of it is computed without weights, by the steps of the photometric estimator: truncated costs
+over the best part of the aperture, semi-global aggregation, planes through Lucas-Kanade steps. Away
+from depth edges the result is right, or nothing in the light field shows what is. Along an edge the
+costs of a pixel are mixed with those of the other surface, and the right disparity is that of a
+pixel a few places away. So each pixel is proposed the disparities of some neighbours, and that of
+the second best surface the aggregation knows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from occjax.models.config import DerivativeFeatures, NetworkConfig, SemiGlobalConfig, of_kind
+from occjax.ops.brightness import vignetted
+from occjax.ops.filtering import box_filter, central_differences, neighbours
+from occjax.ops.matching import aperture_costs, semi_global
+from occjax.ops.noise import noise_level
+from occjax.ops.refinement import median_filter, refine_disparity
+from occjax.ops.regression import cheapest, confidence
+from occjax.ops.sectors import (
+    SectorCosts,
+    geman_mcclure,
+    refined_sector_costs,
+    sector_channels,
+)
+
+GREY_TOLERANCE = 0.03
+"""Grey difference between views that costs half."""
+
+DETAIL_TOLERANCE = 0.01
+"""The same of what is left of grey without the mean of its surroundings."""
+
+PLANE_RADIUS = 12.0
+"""Reach of the fitted planes in the absence of edges, pixels."""
+
+DARKNESS = 0.01
+"""Grey up to which the sides of the centre view count as vignetted."""
+
+LARGEST_AGGREGATED = 2.0
+"""Aggregated cost above that of the best candidate from which on more makes no difference."""
+
+CHANNELS = 13
+"""Measures of each proposal: eight sectors and five more."""
+
+
+class GreyViews(NamedTuple):
+    """What is compared.
+
+    Attributes:
+        views: ``[v, u, h, w]`` grey, the white of the centre view at 0.8.
+        offsets: ``[v, u, 2]`` of the views, scaled to the network's reach.
+    """
+
+    views: Float[Array, "v u h w"]
+    offsets: Float[Array, "v u 2"]
+
+    @property
+    def centre(self) -> Float[Array, "h w"]:
+        """The centre view."""
+        v, u = self.views.shape[:2]
+        return self.views[v // 2, u // 2]
+
+    @property
+    def derivatives(self) -> Float[Array, "v u h w 2"]:
+        """They do not see vignetting and the broad part of highlights."""
+        return jnp.stack(central_differences(self.views), axis=-1)
+
+    @property
+    def detail(self) -> Float[Array, "v u h w"]:
+        """Grey without the mean of its surroundings; resists highlights, but not noise."""
+        return self.views - box_filter(self.views, 1)
+
+
+class Proposals(NamedTuple):
+    """Disparities to choose from, and what speaks for each.
+
+    Attributes:
+        centre: ``[h, w]`` centre view, grey.
+        disparity: ``[h, w]`` of the photometric steps.
+        proposed: ``[k, h, w]`` disparities: that one first.
+        costs: ``[13, k, h, w]`` in [0, 1]: of each sector of the aperture, of all of it and of its
+            best half (grey, :func:`occjax.ops.geman_mcclure`); of the best half the mean absolute
+            difference of grey, and the robust cost of its detail; the aggregated cost at that
+            disparity.
+        spread: ``[2, h, w]`` scaled logarithm of the variance of the first stage's candidates,
+            and the probability of the likeliest.
+    """
+
+    centre: Float[Array, "h w"]
+    disparity: Float[Array, "h w"]
+    proposed: Float[Array, "k h w"]
+    costs: Float[Array, "13 k h w"]
+    spread: Float[Array, "2 h w"]
+
+
+class Search(NamedTuple):
+    """The first stage.
+
+    Attributes:
+        disparity: ``[h, w]`` of the cheapest candidates.
+        aggregated: ``[d, h, w]`` aggregated costs, 0 for the cheapest candidate.
+        probabilities: ``[d, h, w]`` of the candidates.
+    """
+
+    disparity: Float[Array, "h w"]
+    aggregated: Float[Array, "d h w"]
+    probabilities: Float[Array, "d h w"]
+
+
+def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfig) -> Search:
+    """Search the whole range: costs of all candidates, aggregated semi-globally.
+
+    Args:
+        grey: The views.
+        candidates: ``[d]`` evenly spaced disparities.
+        config: The network.
+
+    Returns:
+        Disparity, costs and probabilities.
+    """
+    compared = of_kind(config.features, DerivativeFeatures)
+    prior = of_kind(config.stages[0].semi_global, SemiGlobalConfig)
+    derivative, dtype = compared.derivative_truncation, grey.views.dtype
+    noise = noise_level(grey.views, candidates, offsets=grey.offsets)
+    costs = aperture_costs(
+        jnp.concatenate([grey.views[..., None], grey.derivatives], axis=-1),
+        candidates,
+        truncation=jnp.array([compared.grey_truncation, derivative, derivative], dtype),
+        # A central difference, half of that of two pixels, has half the variance.
+        noise=noise * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], dtype)),
+        offsets=grey.offsets,
+    )
+    aggregated = semi_global(
+        jnp.where(vignetted(grey.centre, DARKNESS), 0.0, costs),
+        grey.centre,
+        small_penalty=prior.smoothness * _spacing(candidates),
+        large_penalty=prior.jump,
+        guide_scale=prior.edge,
+    )
+    aggregated = aggregated - aggregated.min(0, keepdims=True)
+    probabilities = jax.nn.softmax(-aggregated / prior.temperature, axis=0)
+    return Search(cheapest(aggregated, candidates), aggregated, probabilities)
+
+
+def propose(
+    grey: GreyViews, found: Search, candidates: Float[Array, " d"], config: NetworkConfig
+) -> Proposals:
+    """Disparities to choose from, from what the search found.
+
+    Args:
+        grey: The views.
+        found: By the first stage.
+        candidates: ``[d]`` its candidates.
+        config: The network; its second stage says what is proposed.
+
+    Returns:
+        The proposals.
+    """
+    stage = config.stages[1]
+    disparity = refine_disparity(
+        grey.derivatives,
+        median_filter(found.disparity),
+        grey.centre,
+        offsets=grey.offsets,
+        steps=stage.plane_steps,
+        largest_step=_spacing(candidates),
+        radius=PLANE_RADIUS,
+    )
+    proposed = jnp.concatenate(
+        [
+            disparity[None],
+            neighbours(disparity, stage.neighbours),
+            _second(found, candidates, stage.second)[None],
+        ]
+    )
+
+    def penalties(differences):
+        of_grey, of_detail = differences
+        return jnp.stack(
+            [
+                geman_mcclure(of_grey, GREY_TOLERANCE),
+                jnp.abs(of_grey),
+                geman_mcclure(of_detail, DETAIL_TOLERANCE),
+            ]
+        )
+
+    costs = refined_sector_costs(
+        jnp.stack([grey.views, grey.detail], axis=-1),
+        proposed,
+        penalties=penalties,
+        offsets=grey.offsets,
+    )
+    robust, absolute, of_detail = (
+        sector_channels(SectorCosts(sums, costs.weights)) for sums in costs.sums
+    )
+    prior = jnp.minimum(_interpolated(found.aggregated, candidates, proposed), LARGEST_AGGREGATED)
+    channels = [robust, absolute[-1:], of_detail[-1:], prior[None] / LARGEST_AGGREGATED]
+    reading = confidence(found.probabilities, candidates)
+    spread = jnp.stack(
+        [
+            0.3 * jnp.log(jnp.square(reading.standard_deviation) + 1e-3),
+            found.probabilities.max(0),
+        ]
+    )
+    return Proposals(
+        grey.centre, disparity, proposed, jnp.clip(jnp.concatenate(channels), 0.0, 1.0), spread
+    )
+
+
+def _spacing(candidates: Float[Array, " d"]) -> Float[Array, ""]:
+    return (candidates[-1] - candidates[0]) / (len(candidates) - 1)
+
+
+def _second(found: Search, candidates: Float[Array, " d"], distance: float) -> Float[Array, "h w"]:
+    """The cheapest of the candidates at least this far from the best one."""
+    far = jnp.abs(candidates[:, None, None] - found.disparity[None]) > distance
+    # A large number, not infinity: the parabola through the neighbours shall stay finite.
+    return cheapest(jnp.where(far, found.aggregated, 1e3), candidates)
+
+
+def _interpolated(
+    volume: Float[Array, "d h w"],
+    candidates: Float[Array, " d"],
+    disparities: Float[Array, "k h w"],
+) -> Float[Array, "k h w"]:
+    """The volume's values at disparities between its candidates."""
+    last = volume.shape[0] - 1
+    place = jnp.clip((disparities - candidates[0]) / _spacing(candidates), 0.0, last)
+    below = jnp.minimum(jnp.floor(place).astype(jnp.int32), last - 1)
+    share = place - below.astype(place.dtype)
+    left, right = (jnp.take_along_axis(volume, below + step, axis=0) for step in (0, 1))
+    return left + share * (right - left)

@@ -1,0 +1,335 @@
+"""Light fields of a pool, prepared: what a light network chooses from, computed once.
+
+Everything before the choice of a network of any arrangement of views depends on no weights and
+takes most of the time of a step. It is computed when a light field is first drawn and kept in a
+folder, in about three bytes for each pixel and proposal; all later steps train the choice alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import zipfile
+from collections.abc import Callable
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float16, Int16, UInt8
+
+from occjax.data.augmentation import AugmentationConfig, random_noise, random_tone
+from occjax.data.host import to_device
+from occjax.data.pool import DESCRIPTION, light_field_file, pool_size, read_sample
+from occjax.data.samples import Sample
+from occjax.data.sources import check_batch_size
+from occjax.data.views import select_views
+from occjax.errors import InputError
+from occjax.io.atomic import atomic_path, check_writable
+from occjax.io.files import reading
+from occjax.models import Choice, NetworkConfig, OccCasNet
+from occjax.models.config import of_kind
+from occjax.models.description import config_to_json
+from occjax.models.proposals import Proposals
+from occjax.ops.aperture import SECTORS
+
+PREPARATION = "preparation.json"
+
+FINENESS = 4096.0
+"""Proposals are kept as multiples of one over this, up to +-8 pixels per view step."""
+
+PLACES = 4
+"""Of so many places for a patch, the one with the most to mend is taken."""
+
+MENDABLE = 0.05
+"""Error from which on a pixel is to be mended, up to which a proposal mends it."""
+
+
+class Packed(NamedTuple):
+    """Proposals in few bytes; :func:`unpack` tells what the numbers mean."""
+
+    centre: UInt8[Array, "*b h w"]
+    disparity: Float[Array, "*b h w"]
+    proposed: Int16[Array, "*b k h w"]
+    costs: UInt8[Array, "*b 13 k h w"]
+    spread: Float16[Array, "*b 2 h w"]
+
+
+class PreparedSample(NamedTuple):
+    """A training example for the choice alone, or a batch with a leading axis on every field.
+
+    Attributes:
+        packed: What there is to choose from.
+        disparity: ``[h, w]`` true disparity, scaled as the proposals are.
+        valid: ``[h, w]`` pixels whose ground truth counts.
+    """
+
+    packed: Packed
+    disparity: Float[Array, "*b h w"]
+    valid: Bool[Array, "*b h w"]
+
+
+def pack(proposals: Proposals) -> Packed:
+    """Proposals in few bytes."""
+    largest = np.iinfo(np.int16).max
+    return Packed(
+        jnp.rint(255.0 * jnp.clip(proposals.centre, 0.0, 1.0)).astype(jnp.uint8),
+        proposals.disparity,
+        jnp.clip(jnp.rint(FINENESS * proposals.proposed), -largest, largest).astype(jnp.int16),
+        # The smallest costs tell most.
+        jnp.rint(255.0 * jnp.sqrt(proposals.costs)).astype(jnp.uint8),
+        proposals.spread.astype(jnp.float16),
+    )
+
+
+def unpack(packed: Packed) -> Proposals:
+    """The proposals, to within rounding."""
+    return Proposals(
+        packed.centre.astype(jnp.float32) / 255.0,
+        packed.disparity,
+        packed.proposed.astype(jnp.float32) / FINENESS,
+        jnp.square(packed.costs.astype(jnp.float32) / 255.0),
+        packed.spread.astype(jnp.float32),
+    )
+
+
+def prepared_source(
+    pool: str | Path,
+    folder: str | Path,
+    network: NetworkConfig,
+    batch_size: int,
+    seed: int,
+    *,
+    augmentation: AugmentationConfig,
+) -> Callable[[int], PreparedSample]:
+    """Light fields of a pool, each once in a random order, then all in another order.
+
+    Tone and noise of a light field are drawn once, before it is prepared; patch and symmetry each
+    time. Of a few places for a patch the one with the most pixels that a choice can mend is taken.
+
+    Args:
+        pool: Folder of :func:`occjax.data.pool.render_pool`, whose views are a star.
+        folder: Where what is prepared is kept; made if it is not there.
+        network: For which it is prepared.
+        batch_size: Light fields per step.
+        seed: Of all that is drawn.
+        augmentation: How light fields are varied; without stride and shear.
+
+    Returns:
+        Source of batches of :class:`PreparedSample`.
+
+    Raises:
+        InputError: If the folder holds something else, or there is no such pool.
+    """
+    check_batch_size(batch_size)
+    pool, folder = Path(pool), Path(folder)
+    count = pool_size(pool)
+    if not count:
+        raise InputError(f"{pool}: is an empty pool; render it first")
+    if augmentation.shear or augmentation.largest_stride > 1:
+        raise InputError(
+            "light fields are prepared whole: leave out augmentation.shear and .strides"
+        )
+    _claim(folder, _description(pool, network, seed, augmentation))
+
+    @lru_cache(maxsize=2)
+    def order(epoch: int) -> np.ndarray:
+        return np.random.default_rng((seed, epoch)).permutation(count)
+
+    def one(number: int) -> PreparedSample:
+        path = folder / f"{number:06d}.npz"
+        if not path.exists():
+            sample = select_views(read_sample(light_field_file(pool, number)), "star")
+            key = jax.random.fold_in(jax.random.key(seed), number)
+            write_prepared(path, prepare(key, to_device(sample), network, augmentation))
+        return read_prepared(path)
+
+    def source(step: int) -> PreparedSample:
+        patches = []
+        for place in range(step * batch_size, (step + 1) * batch_size):
+            epoch, index = divmod(place, count)
+            generator = np.random.default_rng((seed, place))
+            patches.append(patch(generator, one(int(order(epoch)[index])), augmentation))
+        return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *patches)
+
+    return source
+
+
+@partial(jax.jit, static_argnames=("network", "augmentation"))
+def prepare(
+    key: Array, sample: Sample, network: NetworkConfig, augmentation: AugmentationConfig
+) -> PreparedSample:
+    """Vary tone and noise of one light field, and compute what a network chooses from.
+
+    Args:
+        key: Random key.
+        sample: One light field.
+        network: Of any arrangement of views.
+        augmentation: Whose tone and noise are drawn.
+
+    Returns:
+        The prepared light field, as large as the sample.
+    """
+    for_tone, for_noise = jax.random.split(key)
+    sample = random_tone(
+        for_tone,
+        sample,
+        gamma=augmentation.gamma,
+        contrast=augmentation.contrast,
+        brightness=augmentation.brightness,
+    )
+    sample = random_noise(
+        for_noise,
+        sample,
+        largest=augmentation.noise,
+        probability=augmentation.noise_probability,
+    )
+    proposals = of_kind(
+        OccCasNet(network).apply({}, sample.views, sample.offsets, method="propose"), Proposals
+    )
+    scale = jnp.max(jnp.abs(sample.offsets)) / network.reach
+    return PreparedSample(pack(proposals), sample.disparity * scale, sample.valid)
+
+
+def patch(
+    generator: np.random.Generator, sample: PreparedSample, augmentation: AugmentationConfig
+) -> PreparedSample:
+    """Cut a patch out of a prepared light field, flip and transpose it at random.
+
+    Args:
+        generator: What is drawn from.
+        sample: Of NumPy arrays, without a batch axis.
+        augmentation: Its crop, flips and turns count.
+
+    Returns:
+        The patch.
+    """
+    size = augmentation.crop or sample.disparity.shape
+    room = [length - used for length, used in zip(sample.disparity.shape, size, strict=True)]
+    if min(room) < 0:
+        raise InputError(
+            f"light fields of {list(sample.disparity.shape)} pixels are smaller than the crop, "
+            f"{list(size)}; render larger ones or crop less"
+        )
+    mendable = _mendable(sample)
+    corners = generator.integers(0, np.array(room) + 1, (PLACES, 2))
+    frames = [np.s_[..., y : y + size[0], x : x + size[1]] for y, x in corners]
+    frame = max(frames, key=lambda frame: mendable[frame].sum())
+    sample = jax.tree.map(lambda field: field[frame], sample)
+    exchanged, upside_down, mirrored = generator.integers(0, 2, 3)
+    if augmentation.turns and exchanged:
+        sample = transpose(sample)
+    if augmentation.flips and upside_down:
+        sample = flip_rows(sample)
+    if augmentation.flips and mirrored:
+        sample = flip_columns(sample)
+    return sample
+
+
+def transpose(sample: PreparedSample) -> PreparedSample:
+    """Exchange rows and columns, of pixels and of views."""
+    turned = jax.tree.map(lambda field: np.swapaxes(field, -1, -2), sample)
+    return _sectors_moved(turned, lambda sector: 2 - sector)
+
+
+def flip_rows(sample: PreparedSample) -> PreparedSample:
+    """Turn upside down, pixels and views."""
+    turned = jax.tree.map(lambda field: field[..., ::-1, :], sample)
+    return _sectors_moved(turned, lambda sector: -sector)
+
+
+def flip_columns(sample: PreparedSample) -> PreparedSample:
+    """Mirror left to right, pixels and views."""
+    turned = jax.tree.map(lambda field: field[..., ::-1], sample)
+    return _sectors_moved(turned, lambda sector: SECTORS // 2 - sector)
+
+
+def write_prepared(path: Path, sample: PreparedSample) -> None:
+    """Write one prepared light field.
+
+    Args:
+        path: The ``.npz`` file.
+        sample: Without a batch axis.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
+    fields = {**sample.packed._asdict(), "truth": sample.disparity, "valid": sample.valid}
+    arrays: dict[str, Any] = {name: np.asarray(field) for name, field in fields.items()}
+    with atomic_path(path) as temporary:
+        np.savez(temporary, **arrays)
+
+
+def read_prepared(path: Path) -> PreparedSample:
+    """Read what :func:`write_prepared` writes, as NumPy arrays.
+
+    Args:
+        path: The ``.npz`` file.
+
+    Returns:
+        The prepared light field.
+
+    Raises:
+        InputError: If it cannot be read.
+    """
+    try:
+        with reading(path), path.open("rb") as file, np.load(file) as stored:
+            packed = Packed(*(stored[name] for name in Packed._fields))
+            return PreparedSample(packed, stored["truth"], stored["valid"])
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+        raise InputError(f"{path}: is damaged; remove it, it is made again") from error
+
+
+def _mendable(sample: PreparedSample) -> np.ndarray:
+    """Where the disparity is wrong and some proposal is right."""
+    truth = np.asarray(sample.disparity)
+    proposed = np.asarray(sample.packed.proposed) / np.float32(FINENESS)
+    nearest = np.abs(proposed - truth).min(0)
+    wrong = np.abs(np.asarray(sample.packed.disparity) - truth) > MENDABLE
+    return wrong & (nearest < MENDABLE) & np.asarray(sample.valid)
+
+
+def _sectors_moved(sample: PreparedSample, place) -> PreparedSample:
+    """The costs of sector s where those of ``place(s)`` were."""
+    costs = sample.packed.costs
+    order = np.arange(costs.shape[0])
+    order[place(np.arange(SECTORS)) % SECTORS] = np.arange(SECTORS)
+    return sample._replace(packed=sample.packed._replace(costs=costs[order]))
+
+
+def _description(
+    pool: Path, network: NetworkConfig, seed: int, augmentation: AugmentationConfig
+) -> dict:
+    """All that a prepared light field depends on."""
+    kept = ("gamma", "contrast", "brightness", "noise", "noise_probability")
+    return {
+        "pool": json.loads((pool / DESCRIPTION).read_text(encoding="utf-8")),
+        "network": json.loads(config_to_json(_without_weights(network))),
+        "seed": seed,
+        "augmentation": {name: getattr(augmentation, name) for name in kept},
+    }
+
+
+def _without_weights(network: NetworkConfig) -> NetworkConfig:
+    """The same for all widths of the learned part, and for all that follows it."""
+    search, choice = network.stages
+    plain = dataclasses.replace(choice, aggregation=Choice(), window=None)
+    return dataclasses.replace(network, stages=(search, plain), refinement=None)
+
+
+def _claim(folder: Path, wanted: dict) -> None:
+    """Describe a new folder, or see that the one that is there holds the same."""
+    check_writable(folder)
+    path = folder / PREPARATION
+    if not path.exists():
+        if folder.is_dir() and any(folder.iterdir()):
+            raise InputError(f"{folder}: is not empty, and nothing prepared; choose another folder")
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
+    elif json.loads(path.read_text(encoding="utf-8")) != wanted:
+        raise InputError(
+            f"{folder}: was prepared from another pool or for another network; choose another "
+            "folder"
+        )
