@@ -129,7 +129,6 @@ ROWS: Mapping[str, Change] = {
     "four neighbours": choice(neighbours=((-3, 0), (3, 0), (0, -3), (0, 3))),
     "a narrower choice": choice(aggregation=Choice(16, (24, 24, 32, 32))),
     "a choice that sees little around": choice(aggregation=Choice(32, (48,))),
-    "no plane steps after it": network(refinement=None),
 }
 """Changes to the training, one at a time."""
 

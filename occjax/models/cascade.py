@@ -88,7 +88,7 @@ class OccCasNet(nn.Module):
                 ``candidates`` the configured ones are scaled to the largest offset.
 
         Returns:
-            One :class:`StageOutput` per stage, and one for the last refinement if there is one; the
+            One :class:`StageOutput` per stage, and for a network of any arrangement one more; the
             last is the answer.
 
         Raises:

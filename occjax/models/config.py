@@ -115,25 +115,6 @@ AggregationConfig = Residual | Choice | None
 
 
 @dataclass(frozen=True)
-class PlaneSteps:
-    """Lucas-Kanade steps of all views, with planes fitted to each: nothing is learned.
-
-    See :func:`occjax.ops.refine_disparity`.
-
-    Attributes:
-        steps: Number of steps.
-        largest_step: Bound of each, pixels per view step.
-        radius: Reach of the planes in the absence of edges, pixels.
-        disparity_edge: Difference of disparity that bounds a plane as much as ``radius`` does.
-    """
-
-    steps: int = 1
-    largest_step: float = 0.1
-    radius: float = 4.0
-    disparity_edge: float = 0.05
-
-
-@dataclass(frozen=True)
 class StageConfig:
     """One stage of the cascade.
 
@@ -206,7 +187,6 @@ class NetworkConfig:
             published code, which calls the network once per view.
         reach: Largest offset of a view, in view steps, to which any arrangement is scaled: views
             twice as far apart show the same scene with half the disparity. For ``views=None``.
-        refinement: Steps after the last stage, or None. For ``views=None``.
     """
 
     stages: tuple[StageConfig, ...]
@@ -217,7 +197,6 @@ class NetworkConfig:
     warp: Warp = "correct"
     feature_statistics: FeatureStatistics = "pooled"
     reach: float = 4.0
-    refinement: PlaneSteps | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built."""
@@ -247,8 +226,8 @@ class NetworkConfig:
             raise ValueError("volumes of sectors have no shared aggregation and no transposed warp")
 
     def _check_grid(self, v: int, u: int) -> None:
-        if self.refinement is not None or isinstance(self.features, DerivativeFeatures):
-            raise ValueError("refinement and DerivativeFeatures need volumes of sectors")
+        if isinstance(self.features, DerivativeFeatures):
+            raise ValueError("DerivativeFeatures need volumes of sectors")
         if any(stage.attention for stage in self.stages) and (v != u or v % 2 == 0):
             raise ValueError(
                 f"channel attention mirrors an octant of a square grid of odd size, not {v}x{u}; "

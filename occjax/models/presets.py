@@ -14,7 +14,6 @@ from occjax.models.config import (
     FeatureConfig,
     NetworkConfig,
     OcclusionSource,
-    PlaneSteps,
     Residual,
     SemiGlobalConfig,
     StageConfig,
@@ -85,9 +84,7 @@ def _light(width: int, context: tuple[int, ...]) -> NetworkConfig:
         neighbours=_AROUND,
         window=0.15,
     )
-    return NetworkConfig(
-        (search, choice), views=None, features=DerivativeFeatures(), refinement=PlaneSteps()
-    )
+    return NetworkConfig((search, choice), views=None, features=DerivativeFeatures())
 
 
 _COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4.0, 4.0, step) for step in (1.0, 1 / 2, 1 / 4))

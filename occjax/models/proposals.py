@@ -42,6 +42,9 @@ PLANE_RADIUS = 12.0
 DARKNESS = 0.01
 """Grey up to which the sides of the centre view count as vignetted."""
 
+SLOPE_STEP = 2
+"""Pixels over which the slope of a surface is taken."""
+
 LARGEST_AGGREGATED = 2.0
 """Aggregated cost above that of the best candidate from which on more makes no difference."""
 
@@ -175,7 +178,7 @@ def propose(
     proposed = jnp.concatenate(
         [
             disparity[None],
-            neighbours(disparity, stage.neighbours),
+            _continued(disparity, stage.neighbours),
             _second(found, candidates, stage.second)[None],
         ]
     )
@@ -215,6 +218,26 @@ def propose(
 
 def _spacing(candidates: Float[Array, " d"]) -> Float[Array, ""]:
     return (candidates[-1] - candidates[0]) / (len(candidates) - 1)
+
+
+def _continued(
+    disparity: Float[Array, "h w"], places: tuple[tuple[int, int], ...]
+) -> Float[Array, "n h w"]:
+    """The disparity that the surfaces of some neighbours would have here.
+
+    Each surface is continued by its slope, so that on one surface, however slanted, all neighbours
+    propose the same. The slope is the smaller of those on either side, which at an edge is the
+    surface's own, and none where they disagree about its sign.
+    """
+    continued = neighbours(disparity, places)
+    for axis, step in enumerate(((SLOPE_STEP, 0), (0, SLOPE_STEP))):
+        before, after = neighbours(disparity, [(-step[0], -step[1]), step])
+        rise, further = (disparity - before) / SLOPE_STEP, (after - disparity) / SLOPE_STEP
+        smaller = jnp.sign(rise) * jnp.minimum(jnp.abs(rise), jnp.abs(further))
+        slope = jnp.where(rise * further > 0.0, smaller, 0.0)
+        way = jnp.array([place[axis] for place in places], disparity.dtype)
+        continued = continued - way[:, None, None] * neighbours(slope, places)
+    return continued
 
 
 def _second(found: Search, candidates: Float[Array, " d"], distance: float) -> Float[Array, "h w"]:

@@ -16,11 +16,11 @@ from occjax.models.config import Choice, NetworkConfig, of_kind
 from occjax.models.proposals import GreyViews, Proposals, propose, search
 from occjax.models.stages import StageOutput, stage_output
 from occjax.ops.brightness import WHITE, white_level
-from occjax.ops.refinement import refine_disparity
+from occjax.ops.refinement import median_filter
 
 
 class SectorCascade(nn.Module):
-    """A search of the whole range, a choice among proposals, plane steps.
+    """A search of the whole range, a choice among proposals, a median.
 
     Attributes:
         config: The cascade; ``views`` is None.
@@ -51,7 +51,7 @@ class SectorCascade(nn.Module):
                 largest offset, if None.
 
         Returns:
-            One output per stage, and one of the last refinement.
+            One output per stage, and the last one's 3x3 median.
         """
         height, width = views.shape[2:]
         grey, candidates, scale = self._scaled(views, offsets, candidates)
@@ -61,19 +61,8 @@ class SectorCascade(nn.Module):
         chosen = self.choose(proposals)
         from_first = proposals.proposed - first.disparity[None]
         outputs = [first, chosen._replace(candidates=from_first)]
-        if self.config.refinement is not None:
-            final = self.config.refinement
-            disparity = refine_disparity(
-                grey.derivatives,
-                chosen.disparity,
-                grey.centre,
-                offsets=grey.offsets,
-                steps=final.steps,
-                largest_step=final.largest_step,
-                radius=final.radius,
-                disparity_edge=final.disparity_edge,
-            )
-            outputs.append(StageOutput(disparity, None, None))
+        # Single pixels that chose differently from all around them are more often wrong than right.
+        outputs.append(StageOutput(median_filter(chosen.disparity), None, None))
         return tuple(_unscaled(output, scale, height, width) for output in outputs)
 
     def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:

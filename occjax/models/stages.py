@@ -16,10 +16,10 @@ class StageOutput(NamedTuple):
 
     Attributes:
         disparity: ``[h, w]`` of the centre view, pixels per view step.
-        probabilities: ``[d, h, w]`` of the candidates; None for a last refinement, which has no
+        probabilities: ``[d, h, w]`` of the candidates; None for a last median, which has no
             candidates.
         candidates: ``[d]``, or ``[d, h, w]`` where each pixel has its own; added to the disparity
-            of the stage before, if there is one. None for a last refinement.
+            of the stage before, if there is one. None for a last median.
         attention: ``[v, u]`` weight of each view, if the stage has attention.
         occlusion: ``[v, u, h, w]`` occlusion maps in [0, 1], if the stage uses them.
     """

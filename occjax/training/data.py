@@ -39,8 +39,8 @@ class DataConfig:
         photographs: Whether some of their textures are photographs (needs scikit-image).
         pools: Folders of procedural light fields that were rendered before.
         pool_share: Of light fields of the pools, all pools alike.
-        prepared: Folder in which what a light network chooses from is kept, of the light fields of
-            one pool; then steps train the choice alone, on nothing else. See
+        prepared: Folder in which what a light network chooses from is kept; then steps train the
+            choice alone, on the light fields of the pools and nothing else. See
             :mod:`occjax.training.prepared`.
         folders: Scenes with ground truth, or folders of such scenes.
         folder_share: Of patches of these scenes.
@@ -149,13 +149,13 @@ def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
 
 def _prepared(config: DataConfig, folder: Path, network: NetworkConfig) -> BatchSource:
     alone = config.procedural_share == 0.0 and not config.folders and not config.arrangements
-    if network.views is not None or not alone or len(config.pools) != 1:
+    if network.views is not None or not alone or not config.pools:
         raise InputError(
-            "data.prepared is for a network of any arrangement of views, trained on one pool and "
-            "nothing else: pass one folder as data.pools and 0 as data.procedural_share"
+            "data.prepared is for a network of any arrangement of views, trained on pools and "
+            "nothing else: pass data.pools, and 0 as data.procedural_share"
         )
     return prepared_source(
-        config.pools[0],
+        config.pools,
         folder,
         network,
         config.batch_size,

@@ -1,4 +1,4 @@
-"""Light fields of a pool, prepared: what a light network chooses from, computed once.
+"""Light fields of pools, prepared: what a light network chooses from, computed once.
 
 Everything before the choice of a network of any arrangement of views depends on no weights and
 takes most of the time of a step. It is computed when a light field is first drawn and kept in a
@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -96,7 +96,7 @@ def unpack(packed: Packed) -> Proposals:
 
 
 def prepared_source(
-    pool: str | Path,
+    pools: Sequence[str | Path],
     folder: str | Path,
     network: NetworkConfig,
     batch_size: int,
@@ -104,13 +104,14 @@ def prepared_source(
     *,
     augmentation: AugmentationConfig,
 ) -> Callable[[int], PreparedSample]:
-    """Light fields of a pool, each once in a random order, then all in another order.
+    """Light fields of pools, each once in a random order, then all in another order.
 
     Tone and noise of a light field are drawn once, before it is prepared; patch and symmetry each
     time. Of a few places for a patch the one with the most pixels that a choice can mend is taken.
 
     Args:
-        pool: Folder of :func:`occjax.data.pool.render_pool`, whose views are a star.
+        pools: Folders of :func:`occjax.data.pool.render_pool`, of light fields of one size; of a
+            grid of views the star is used.
         folder: Where what is prepared is kept; made if it is not there.
         network: For which it is prepared.
         batch_size: Light fields per step.
@@ -121,27 +122,25 @@ def prepared_source(
         Source of batches of :class:`PreparedSample`.
 
     Raises:
-        InputError: If the folder holds something else, or there is no such pool.
+        InputError: If the folder holds something else, or a pool is none or empty.
     """
     check_batch_size(batch_size)
-    pool, folder = Path(pool), Path(folder)
-    count = pool_size(pool)
-    if not count:
-        raise InputError(f"{pool}: is an empty pool; render it first")
+    folder = Path(folder)
+    files = [file for pool in pools for file in _light_fields(Path(pool))]
     if augmentation.shear or augmentation.largest_stride > 1:
         raise InputError(
             "light fields are prepared whole: leave out augmentation.shear and .strides"
         )
-    _claim(folder, _description(pool, network, seed, augmentation))
+    _claim(folder, _description(pools, network, seed, augmentation))
 
     @lru_cache(maxsize=2)
     def order(epoch: int) -> np.ndarray:
-        return np.random.default_rng((seed, epoch)).permutation(count)
+        return np.random.default_rng((seed, epoch)).permutation(len(files))
 
     def one(number: int) -> PreparedSample:
         path = folder / f"{number:06d}.npz"
         if not path.exists():
-            sample = select_views(read_sample(light_field_file(pool, number)), "star")
+            sample = select_views(read_sample(files[number]), "star")
             key = jax.random.fold_in(jax.random.key(seed), number)
             write_prepared(path, prepare(key, to_device(sample), network, augmentation))
         return read_prepared(path)
@@ -149,7 +148,7 @@ def prepared_source(
     def source(step: int) -> PreparedSample:
         patches = []
         for place in range(step * batch_size, (step + 1) * batch_size):
-            epoch, index = divmod(place, count)
+            epoch, index = divmod(place, len(files))
             generator = np.random.default_rng((seed, place))
             patches.append(patch(generator, one(int(order(epoch)[index])), augmentation))
         return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *patches)
@@ -282,6 +281,14 @@ def read_prepared(path: Path) -> PreparedSample:
         raise InputError(f"{path}: is damaged; remove it, it is made again") from error
 
 
+def _light_fields(pool: Path) -> list[Path]:
+    """The files of a pool."""
+    count = pool_size(pool)
+    if not count:
+        raise InputError(f"{pool}: is an empty pool; render it first")
+    return [light_field_file(pool, number) for number in range(count)]
+
+
 def _mendable(sample: PreparedSample) -> np.ndarray:
     """Where the disparity is wrong and some proposal is right."""
     truth = np.asarray(sample.disparity)
@@ -300,12 +307,14 @@ def _sectors_moved(sample: PreparedSample, place) -> PreparedSample:
 
 
 def _description(
-    pool: Path, network: NetworkConfig, seed: int, augmentation: AugmentationConfig
+    pools: Sequence[str | Path], network: NetworkConfig, seed: int, augmentation: AugmentationConfig
 ) -> dict:
     """All that a prepared light field depends on."""
     kept = ("gamma", "contrast", "brightness", "noise", "noise_probability")
     return {
-        "pool": json.loads((pool / DESCRIPTION).read_text(encoding="utf-8")),
+        "pools": [
+            json.loads((Path(pool) / DESCRIPTION).read_text(encoding="utf-8")) for pool in pools
+        ],
         "network": json.loads(config_to_json(_without_weights(network))),
         "seed": seed,
         "augmentation": {name: getattr(augmentation, name) for name in kept},
@@ -313,10 +322,10 @@ def _description(
 
 
 def _without_weights(network: NetworkConfig) -> NetworkConfig:
-    """The same for all widths of the learned part, and for all that follows it."""
+    """The same for all widths of the learned part."""
     search, choice = network.stages
     plain = dataclasses.replace(choice, aggregation=Choice(), window=None)
-    return dataclasses.replace(network, stages=(search, plain), refinement=None)
+    return dataclasses.replace(network, stages=(search, plain))
 
 
 def _claim(folder: Path, wanted: dict) -> None:
@@ -330,6 +339,5 @@ def _claim(folder: Path, wanted: dict) -> None:
             temporary.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
     elif json.loads(path.read_text(encoding="utf-8")) != wanted:
         raise InputError(
-            f"{folder}: was prepared from another pool or for another network; choose another "
-            "folder"
+            f"{folder}: was prepared from other pools or for another network; choose another folder"
         )

@@ -82,7 +82,7 @@ def test_turning_what_is_prepared_is_preparing_what_is_turned(name, sample, prop
 def test_a_source_gives_the_same_patches_for_the_same_step_and_keeps_what_it_made(pool, tmp_path):
     def source():
         return prepared_source(
-            pool, tmp_path / "kept", NETWORK, batch_size=2, seed=3, augmentation=AUGMENTATION
+            [pool], tmp_path / "kept", NETWORK, batch_size=2, seed=3, augmentation=AUGMENTATION
         )
 
     first = source()(0)
@@ -98,34 +98,54 @@ def test_a_source_gives_the_same_patches_for_the_same_step_and_keeps_what_it_mad
 def test_wider_layers_take_what_was_prepared_for_narrow_ones(pool, tmp_path):
     folder = tmp_path / "kept"
     options = {"batch_size": 1, "seed": 3, "augmentation": AUGMENTATION}
-    prepared_source(pool, folder, NETWORK, **options)(0)
+    prepared_source([pool], folder, NETWORK, **options)(0)
     search, choice = NETWORK.stages
     wide = replace(NETWORK, stages=(search, replace(choice, aggregation=Choice(8, (8,)))))
-    prepared_source(pool, folder, wide, **options)
+    prepared_source([pool], folder, wide, **options)
     other = replace(NETWORK, stages=(search, replace(choice, plane_steps=1)))
-    with pytest.raises(InputError, match="another pool or for another network"):
-        prepared_source(pool, folder, other, **options)
-    with pytest.raises(InputError, match="another pool or for another network"):
-        prepared_source(pool, folder, NETWORK, **{**options, "seed": 4})
+    with pytest.raises(InputError, match="other pools or for another network"):
+        prepared_source([pool], folder, other, **options)
+    with pytest.raises(InputError, match="other pools or for another network"):
+        prepared_source([pool], folder, NETWORK, **{**options, "seed": 4})
+
+
+def test_several_pools_are_drawn_from_as_one(pool, tmp_path):
+    other = tmp_path / "other"
+    render_pool(other, 2, SCENES, seed=1, progress=False)
+    options = {"batch_size": 5, "seed": 0, "augmentation": replace(AUGMENTATION, crop=(32, 32))}
+    batch = prepared_source([pool, other], tmp_path / "kept", NETWORK, **options)(0)
+    means = sorted(float(disparity.mean()) for disparity in batch.disparity)
+    samples = [
+        *(pool / f"{n:06d}.npz" for n in range(3)),
+        other / "000000.npz",
+        other / "000001.npz",
+    ]
+    scale = 1 / NETWORK.reach  # offsets of 1 are scaled to the network's reach
+    expected = sorted(scale * prepared.read_sample(path).disparity.mean() for path in samples)
+    np.testing.assert_allclose(means, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_folders_of_something_else_and_unfit_augmentation_are_refused(pool, tmp_path):
     (tmp_path / "letter.txt").write_text("dear", encoding="utf-8")
     options = {"batch_size": 1, "seed": 0}
     with pytest.raises(InputError, match="not empty"):
-        prepared_source(pool, tmp_path, NETWORK, augmentation=AUGMENTATION, **options)
+        prepared_source([pool], tmp_path, NETWORK, augmentation=AUGMENTATION, **options)
     with pytest.raises(InputError, match="prepared whole"):
         prepared_source(
-            pool, tmp_path / "a", NETWORK, augmentation=replace(AUGMENTATION, shear=1.0), **options
+            [pool],
+            tmp_path / "a",
+            NETWORK,
+            augmentation=replace(AUGMENTATION, shear=1.0),
+            **options,
         )
     large = replace(AUGMENTATION, crop=(64, 64))
     with pytest.raises(InputError, match="smaller than the crop"):
-        prepared_source(pool, tmp_path / "b", NETWORK, augmentation=large, **options)(0)
+        prepared_source([pool], tmp_path / "b", NETWORK, augmentation=large, **options)(0)
 
 
 def test_a_damaged_file_is_named(pool, tmp_path):
     source = prepared_source(
-        pool, tmp_path, NETWORK, batch_size=3, seed=0, augmentation=AUGMENTATION
+        [pool], tmp_path, NETWORK, batch_size=3, seed=0, augmentation=AUGMENTATION
     )
     source(0)
     (tmp_path / "000002.npz").write_bytes(b"nothing")
