@@ -69,7 +69,7 @@ def test_estimate_writes_the_map_and_says_how_good_it_is(run, scene, tmp_path):
     disparity = read_pfm(tmp_path / "out/scene/disparity.pfm")
     assert np.median(np.abs(disparity - 0.5)) < 0.03
     summary = json.loads((tmp_path / "out/scene/summary.json").read_text())
-    assert summary["model"] == "photometric"
+    assert summary["model"] == "light"
     assert summary["searched_disparity_range"] == [-1.0, 2.0]
     assert set(summary["seconds"]) == {"load", "compile", "run"}
     assert all(seconds > 0 for seconds in summary["seconds"].values())
@@ -79,10 +79,11 @@ def test_compiled_programs_are_kept_for_the_next_run(run, scene, tmp_path, cache
     def programs():
         return {path.name for path in (cache / "occjax/xla").glob("*photometric*")}
 
-    run("estimate", scene, "-o", tmp_path / "out", *RANGE)
+    command = ("estimate", scene, "-o", tmp_path / "out", "--model", "photometric", *RANGE)
+    run(*command)
     kept = programs()
     jax.clear_caches()
-    run("estimate", scene, "-o", tmp_path / "out", *RANGE)
+    run(*command)
     assert kept
     assert programs() == kept  # found again by the same key, not compiled under another
 
@@ -133,7 +134,7 @@ def test_an_unforeseen_failure_does_not_stop_the_other_scenes(run, scene, tmp_pa
     code, out, err = run("estimate", tmp_path / "copy", scene, "-o", tmp_path / "out", *RANGE)
     assert code == 1
     assert "copy: RuntimeError: out of luck" in err
-    assert "scene: photometric" in out
+    assert "scene: light with light.safetensors" in out
 
 
 def test_a_place_that_cannot_be_written_is_told_before_computing(run, scene, tmp_path, monkeypatch):

@@ -10,15 +10,25 @@ from occjax.evaluation.metrics import (
     mean_squared_error,
     q25,
 )
+from occjax.evaluation.published import (
+    average,
+    printed_average,
+    published_methods,
+    published_scores,
+)
 
 __all__ = [
     "BORDER",
     "THRESHOLDS",
     "Metrics",
+    "average",
     "bad_pix",
     "evaluate",
     "evaluate_files",
     "mean_squared_error",
+    "printed_average",
+    "published_methods",
+    "published_scores",
     "q25",
     "read_disparity",
 ]

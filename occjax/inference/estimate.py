@@ -216,7 +216,7 @@ class Estimator:
             >>> light_field = sample().central(3, 3)
             >>> exported = Estimator().export(light_field, disparity_range=(-1.0, 1.0))
             >>> [shape.shape for shape in exported.in_avals]
-            [(3, 3, 256, 256, 3)]
+            [(3, 3, 256, 256)]
         """
         views, *others = jax.tree.map(
             jnp.asarray, self._ready(light_field, disparity_range).arguments
