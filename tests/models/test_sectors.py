@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from occjax.models import OccCasNet, StageConfig, preset
+from occjax.models import proposals as proposals_module
 from occjax.models.config import Choice, Residual
 from occjax.models.description import config_from_json, config_to_json
 from occjax.models.stages import stage_output
@@ -129,23 +130,57 @@ def test_every_proposal_is_scored_alike(variables):
     np.testing.assert_allclose(found.disparity, expected.disparity, atol=1e-5)
 
 
-def test_proposals_are_the_disparity_that_of_neighbours_and_a_second():
-    scene = plane(grid=(3, 3), size=(32, 32), disparity=0.4, slope=(0.01, 0.0))
+def test_on_one_surface_all_neighbours_propose_the_same():
+    scene = plane(grid=(3, 3), size=(32, 32), disparity=0.4, slope=(0.01, 0.005))
     config = dataclasses.replace(CONFIG, reach=1.0)
     proposals = OccCasNet(config).apply(
         {}, jnp.asarray(scene.grey()), view_offsets(3, 3), method="propose"
     )
     np.testing.assert_array_equal(proposals.proposed[0], proposals.disparity)
-    below = 1 + CONFIG.stages[1].neighbours.index((3, 0))
-    moved = np.asarray(proposals.proposed[below])
-    np.testing.assert_array_equal(moved[:-3], proposals.disparity[3:])
-    assert np.median(np.abs(np.asarray(proposals.disparity) - scene.ground_truth)) < 0.02
+    inner = np.s_[..., 8:-8, 8:-8]
+    truth = scene.ground_truth
+    assert np.median(np.abs(np.asarray(proposals.disparity) - truth)[inner]) < 0.02
+    # Five rows away the surface is 0.05 farther or nearer.
+    assert np.median(np.abs(np.asarray(proposals.proposed[1:9]) - truth)[inner]) < 0.02
     away = np.abs(np.asarray(proposals.proposed[-1] - proposals.disparity))
     assert np.quantile(away, 0.05) > CONFIG.stages[1].second - 1 / 3
     # The views agree best at the true disparity: in all of the aperture and in its best half.
     for channel in (8, 9, 10, 11, 12):
-        true, other = (np.median(proposals.costs[channel, k][6:-6, 6:-6]) for k in (0, -1))
-        assert true < 0.2 * other
+        true, other = (np.median(proposals.costs[channel, k][inner]) for k in (0, -1))
+        assert true < 0.5 * other
+
+
+def test_neighbours_continue_their_surface_up_to_the_edge_and_beyond():
+    """Two slanted planes that meet in a jump: each proposes itself on the other side too."""
+    y, x = np.mgrid[:20, :24].astype(np.float32)
+    left, right = 0.5 + 0.02 * y - 0.05 * x, -1.0 - 0.03 * y - 0.04 * x
+    disparity = jnp.asarray(np.where(x < 12, left, right))
+    right_of_it, left_of_it = proposals_module._continued(disparity, ((0, 3), (0, -3)))
+    # Pixels at the jump see the jump on one side, their own slope on the other.
+    inner = np.s_[4:-4, 9:12]
+    np.testing.assert_allclose(right_of_it[inner], right[inner], atol=1e-5)
+    inner = np.s_[4:-4, 12:15]
+    np.testing.assert_allclose(left_of_it[inner], left[inner], atol=1e-5)
+    lone = jnp.zeros((9, 9)).at[4, 4].set(1.0)  # higher than all around it: no slope
+    np.testing.assert_array_equal(proposals_module._continued(lone, ((0, 3),))[0][:, 1], lone[:, 4])
+
+
+def test_the_second_proposal_is_the_cheapest_far_from_the_first():
+    candidates = jnp.linspace(-2.0, 2.0, 9)
+    costs = jnp.abs(candidates - 0.5).at[1].set(0.1)[:, None, None]  # another dip at -1.5
+    found = proposals_module.Search(jnp.full((1, 1), 0.5), costs, jax.nn.softmax(-costs, axis=0))
+    second = proposals_module._second(found, candidates, 0.7)
+    assert abs(float(second[0, 0]) + 1.5) <= 0.25  # to half the spacing
+
+
+def test_aggregated_costs_are_read_between_candidates():
+    candidates = jnp.linspace(-1.0, 1.0, 5)
+    volume = jnp.asarray(np.random.default_rng(0).random((5, 3, 4)), jnp.float32)
+    places = jnp.asarray(np.random.default_rng(1).uniform(-1.3, 1.3, (2, 3, 4)), jnp.float32)
+    found = proposals_module._interpolated(volume, candidates, places)
+    for k, row, column in np.ndindex(2, 3, 4):
+        expected = np.interp(places[k, row, column], candidates, volume[:, row, column])
+        np.testing.assert_allclose(found[k, row, column], expected, atol=1e-5)
 
 
 def test_before_training_it_is_semi_global_matching_with_planes():
