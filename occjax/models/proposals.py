@@ -151,30 +151,51 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
     return Search(cheapest(aggregated, candidates), aggregated, probabilities)
 
 
-def propose(
+def refine(
     grey: GreyViews, found: Search, candidates: Float[Array, " d"], config: NetworkConfig
-) -> Proposals:
-    """Disparities to choose from, from what the search found.
+) -> Float[Array, "h w"]:
+    """What the search found, refined by planes.
 
     Args:
         grey: The views.
         found: By the first stage.
         candidates: ``[d]`` its candidates.
+        config: The network; its second stage says by how many steps.
+
+    Returns:
+        ``[h, w]`` disparity.
+    """
+    return refine_disparity(
+        grey.derivatives,
+        median_filter(found.disparity),
+        grey.centre,
+        offsets=grey.offsets,
+        steps=config.stages[1].plane_steps,
+        largest_step=_spacing(candidates),
+        radius=PLANE_RADIUS,
+    )
+
+
+def propose(
+    grey: GreyViews,
+    found: Search,
+    disparity: Float[Array, "h w"],
+    candidates: Float[Array, " d"],
+    config: NetworkConfig,
+) -> Proposals:
+    """Disparities to choose from.
+
+    Args:
+        grey: The views.
+        found: By the first stage.
+        disparity: ``[h, w]`` as it is.
+        candidates: ``[d]`` of the first stage.
         config: The network; its second stage says what is proposed.
 
     Returns:
         The proposals.
     """
     stage = config.stages[1]
-    disparity = refine_disparity(
-        grey.derivatives,
-        median_filter(found.disparity),
-        grey.centre,
-        offsets=grey.offsets,
-        steps=stage.plane_steps,
-        largest_step=_spacing(candidates),
-        radius=PLANE_RADIUS,
-    )
     proposed = jnp.concatenate(
         [
             disparity[None],

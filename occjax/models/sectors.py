@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from occjax.models.choice import ProposalChoice
 from occjax.models.config import Choice, NetworkConfig, of_kind
-from occjax.models.proposals import GreyViews, Proposals, propose, search
+from occjax.models.proposals import GreyViews, Proposals, propose, refine, search
 from occjax.models.stages import StageOutput, stage_output
 from occjax.ops.brightness import WHITE, white_level
 from occjax.ops.refinement import median_filter
@@ -57,7 +57,8 @@ class SectorCascade(nn.Module):
         grey, candidates, scale = self._scaled(views, offsets, candidates)
         found = search(grey, candidates, self.config)
         first = StageOutput(found.disparity, found.probabilities, candidates)
-        proposals = propose(grey, found, candidates, self.config)
+        disparity = refine(grey, found, candidates, self.config)
+        proposals = propose(grey, found, disparity, candidates, self.config)
         chosen = self.choose(proposals)
         from_first = proposals.proposed - first.disparity[None]
         outputs = [first, chosen._replace(candidates=from_first)]
@@ -76,7 +77,9 @@ class SectorCascade(nn.Module):
             The proposals, disparities scaled to the network's reach.
         """
         grey, candidates, _ = self._scaled(views, offsets, None)
-        return propose(grey, search(grey, candidates, self.config), candidates, self.config)
+        found = search(grey, candidates, self.config)
+        disparity = refine(grey, found, candidates, self.config)
+        return propose(grey, found, disparity, candidates, self.config)
 
     def choose(self, proposals: Proposals) -> StageOutput:
         """The second stage: the disparity of the best proposals.

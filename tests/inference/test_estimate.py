@@ -99,7 +99,7 @@ def test_scenes_of_one_shape_are_compiled_once(photometric):
     photometric(plane(seed=1), disparity_range=(-1.0, 2.0))
     before = _compiled.cache_info().misses
     photometric(plane(seed=2), disparity_range=(-1.2, 1.8))
-    estimate(plane(seed=2), disparity_range=(-1.2, 1.8))
+    estimate(plane(seed=2), model="photometric", disparity_range=(-1.2, 1.8))
     assert _compiled.cache_info().misses == before
 
 
@@ -181,7 +181,7 @@ def test_a_range_wider_than_the_network_is_refused(tiny_estimator):
 
 def test_the_function_is_the_estimator(photometric):
     light_field = plane()
-    result = estimate(light_field, disparity_range=(-1.0, 2.0))
+    result = estimate(light_field, model="photometric", disparity_range=(-1.0, 2.0))
     again = photometric(light_field, disparity_range=(-1.0, 2.0))
     np.testing.assert_array_equal(result.disparity, again.disparity)
     assert occjax.estimate is estimate
