@@ -144,18 +144,25 @@ def _convolve_backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Arra
     of_images = jax.linear_transpose(lambda images: _convolved(images, kernel), images)
     margins = tuple((size // 2, size // 2) for size in kernel.shape[:2])
 
-    def add_image(total: Array, pair: tuple[Array, Array]):
-        image, gradient = pair
-        result = jax.lax.conv_general_dilated(
-            jnp.moveaxis(image, -1, 0)[..., None],
-            gradient[:, :, None],
-            (1, 1),
-            margins,
-            dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        )
-        return total + jnp.moveaxis(result, 0, 2), None
+    def at_once(images: Array, gradient: Array) -> Array:
+        of_kernel = jax.linear_transpose(lambda kernel: _convolved(images, kernel), kernel)
+        return of_kernel(gradient)[0]
 
-    of_kernel = jax.lax.scan(add_image, jnp.zeros_like(kernel), (images, gradient))[0]
+    def one_by_one(images: Array, gradient: Array) -> Array:
+        def add_image(total: Array, pair: tuple[Array, Array]):
+            image, gradient = pair
+            result = jax.lax.conv_general_dilated(
+                jnp.moveaxis(image, -1, 0)[..., None],
+                gradient[:, :, None],
+                (1, 1),
+                margins,
+                dimension_numbers=("NHWC", "HWIO", "NHWC"),
+            )
+            return total + jnp.moveaxis(result, 0, 2), None
+
+        return jax.lax.scan(add_image, jnp.zeros_like(kernel), (images, gradient))[0]
+
+    of_kernel = jax.lax.platform_dependent(images, gradient, cpu=one_by_one, default=at_once)
     return of_images(gradient)[0], of_kernel
 
 

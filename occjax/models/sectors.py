@@ -54,7 +54,7 @@ class SectorCascade(nn.Module):
             One output per stage, and the last one's 3x3 median.
         """
         height, width = views.shape[2:]
-        grey, candidates, scale = self._scaled(views, offsets, candidates)
+        grey, candidates, scale = self._scaled(views, offsets, candidates, self.config.multiple)
         found = search(grey, candidates, self.config)
         first = StageOutput(found.disparity, found.probabilities, candidates)
         disparity = refine(grey, found, candidates, self.config)
@@ -70,13 +70,13 @@ class SectorCascade(nn.Module):
         """What the network chooses from, which depends on no weights.
 
         Args:
-            views: ``[v, u, h, w]`` grey views in [0, 1], of a size that needs no padding.
+            views: ``[v, u, h, w]`` grey views in [0, 1].
             offsets: ``[v, u, 2]`` of the views from the centre view, in view steps.
 
         Returns:
             The proposals, disparities scaled to the network's reach.
         """
-        grey, candidates, _ = self._scaled(views, offsets, None)
+        grey, candidates, _ = self._scaled(views, offsets, None, multiple=1)
         found = search(grey, candidates, self.config)
         disparity = refine(grey, found, candidates, self.config)
         return propose(grey, found, disparity, candidates, self.config)
@@ -85,7 +85,7 @@ class SectorCascade(nn.Module):
         """The second stage: the disparity of the best proposals.
 
         Args:
-            proposals: Of one light field.
+            proposals: Of images whose height and width are multiples of ``config.multiple``.
 
         Returns:
             Its output, candidates relative to ``proposals.disparity``.
@@ -94,8 +94,8 @@ class SectorCascade(nn.Module):
         window = self.config.stages[1].window
         return stage_output(self.choice(proposals), relative, proposals.disparity, window=window)
 
-    def _scaled(self, views, offsets, candidates) -> tuple[GreyViews, Array, Array]:
-        """Views at their white, offsets within the network's reach, candidates, the scale.
+    def _scaled(self, views, offsets, candidates, multiple) -> tuple[GreyViews, Array, Array]:
+        """Padded views at their white, offsets within the network's reach, candidates, the scale.
 
         Views n times as far apart show the same scene with disparities n times as small.
         """
@@ -105,7 +105,7 @@ class SectorCascade(nn.Module):
         else:
             candidates = candidates * scale
         white = white_level(views[views.shape[0] // 2, views.shape[1] // 2])
-        grey = _padded(views * (WHITE / white), self.config.multiple)
+        grey = _padded(views * (WHITE / white), multiple)
         return GreyViews(grey, offsets / scale), candidates, scale
 
 

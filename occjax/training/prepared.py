@@ -131,6 +131,11 @@ def prepared_source(
         raise InputError(
             "light fields are prepared whole: leave out augmentation.shear and .strides"
         )
+    if any(side % network.multiple for side in augmentation.crop or ()):
+        raise InputError(
+            f"augmentation.crop is {augmentation.crop}; the network takes multiples of "
+            f"{network.multiple} pixels"
+        )
     _claim(folder, _description(pools, network, seed, augmentation))
 
     @lru_cache(maxsize=2)

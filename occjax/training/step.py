@@ -16,7 +16,6 @@ from jaxtyping import Array, Float, Int
 
 from occjax.data.samples import Sample
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
-from occjax.models.config import of_kind
 from occjax.models.layers import BATCH_AXIS
 from occjax.training.config import TrainConfig
 from occjax.training.losses import cascade_loss, inside_border
@@ -155,8 +154,6 @@ def apply_to_batch(
     """
     network = OccCasNet(config.network, dtype=config.precision)
     variables = {"params": params, "batch_stats": batch_stats}
-    if isinstance(batch, PreparedSample):
-        return _choices(network, variables, batch), batch_stats
 
     def one(sample):
         outputs, changed = network.apply(
@@ -168,21 +165,20 @@ def apply_to_batch(
         )
         return outputs, changed.get("batch_stats", {})
 
-    return jax.vmap(one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
+    if config.network.views is not None:
+        return jax.vmap(one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
 
+    def choice(sample: PreparedSample):
+        before = StageOutput(sample.packed.disparity, None, None)
+        return before, network.apply(variables, unpack(sample.packed), method="choose")
 
-def _choices(network: OccCasNet, variables: dict, batch: PreparedSample) -> tuple[StageOutput, ...]:
-    """The disparity before the choice, and the choice.
-
-    One example after the other: they share no statistics, and on a CPU that is quicker than vmap,
-    and than a loop that XLA sees.
-    """
+    # No statistics are shared. One example after the other is quicker on a CPU than vmap, and than
+    # a loop that XLA sees.
     outputs = []
     for index in range(batch.disparity.shape[0]):
-        proposals = unpack(jax.tree.map(lambda field, index=index: field[index], batch.packed))
-        outputs.append(of_kind(network.apply(variables, proposals, method="choose"), StageOutput))
-    before = StageOutput(batch.packed.disparity, None, None)
-    return before, jax.tree.map(lambda *fields: jnp.stack(fields), *outputs)
+        sample = jax.tree.map(lambda field, index=index: field[index], batch)
+        outputs.append(choice(sample) if isinstance(sample, PreparedSample) else one(sample)[0])
+    return jax.tree.map(lambda *fields: jnp.stack(fields), *outputs), batch_stats
 
 
 def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:

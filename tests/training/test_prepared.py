@@ -138,6 +138,9 @@ def test_folders_of_something_else_and_unfit_augmentation_are_refused(pool, tmp_
             augmentation=replace(AUGMENTATION, shear=1.0),
             **options,
         )
+    odd = replace(AUGMENTATION, crop=(24, 24))
+    with pytest.raises(InputError, match="multiples of 16 pixels"):
+        prepared_source([pool], tmp_path / "a", NETWORK, augmentation=odd, **options)
     large = replace(AUGMENTATION, crop=(64, 64))
     with pytest.raises(InputError, match="smaller than the crop"):
         prepared_source([pool], tmp_path / "b", NETWORK, augmentation=large, **options)(0)

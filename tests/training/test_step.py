@@ -180,7 +180,7 @@ def test_first_weights_are_a_function_of_the_seed(six_steps, source):
 
 
 def test_every_output_of_the_light_network_is_supervised():
-    """Traced, not computed: two stages with candidates, and a last refinement without."""
+    """Traced, not computed: two stages with candidates, and a last median without."""
     config = recipe("light").train
 
     def like(*shape, dtype=jnp.float32):
