@@ -6,7 +6,7 @@ field, so its inner rows are those of the whole image. Two things look at the wh
 computed before: the features (their spatial pyramid reaches far) and the mean over the volume from
 which the view attention is made.
 
-Volumes of sectors are computed whole: they have ten channels at half resolution, whatever the
+Networks of any arrangement of views are computed whole: what they keep does not grow with the
 number of views.
 """
 
