@@ -238,12 +238,13 @@ class Estimator:
         return for_grid(light_field, disparity_range, self.config)
 
 
-def _bundled_for(model: str | None) -> str | None:
-    """Name of the weights in the package for a model; the default ones if it may be any."""
-    names = [weights.name for weights in bundled_weights()]
-    if model is None:
-        return names[0] if names else None
-    return model if model in names else None
+def _bundled_for(model: str | None) -> Path | None:
+    """Weights in the package for a model; the default ones if it may be any."""
+    for weights in bundled_weights():
+        if model in (None, weights.name):
+            weights.verify()
+            return weights.path
+    return None
 
 
 @functools.lru_cache(maxsize=64)
@@ -270,7 +271,7 @@ def _run_network(variables, views, candidates, ground_truth, *, config, dtype):
 
 
 def _run_on_some_views(
-    variables, views, candidates, ground_truth, offsets, looked_at, *, config, dtype
+    variables, views, candidates, ground_truth, offsets, looked_at, bounds, *, config, dtype
 ):
     v, u, h, w = views.shape
     stages = infer(
@@ -282,8 +283,9 @@ def _run_on_some_views(
         offsets=offsets.reshape(1, v * u, 2)[:, looked_at],
         dtype=jnp.dtype(dtype),
     )
-    disparity = stages[-1].disparity
-    return _maps(stages, occlusion_maps(views[..., None], disparity, offsets=offsets))
+    last = stages[-1]._replace(disparity=jnp.clip(stages[-1].disparity, bounds[0], bounds[1]))
+    stages = (*stages[:-1], last)
+    return _maps(stages, occlusion_maps(views[..., None], last.disparity, offsets=offsets))
 
 
 def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:

@@ -20,9 +20,6 @@ INTERVAL = 0.1
 MOST_CANDIDATES = 1024
 """A range that needs more is a mistake: the scene would move by hundreds of pixels."""
 
-FEWEST_COARSE = 9
-"""A network that aggregates over the candidates knows no shorter lists."""
-
 
 class Ready(NamedTuple):
     """What a model is called with.
@@ -59,7 +56,7 @@ def for_photometric(light_field: LightField, asked: tuple[float, float] | None) 
 def for_any_views(
     light_field: LightField, asked: tuple[float, float] | None, config: NetworkConfig
 ) -> Ready:
-    """Grey views, candidates at the network's interval, no truth, offsets, views to look at.
+    """Grey views, candidates at the network's interval, no truth, offsets, views, bounds.
 
     Of a grid the network looks at the centre view's row, column and diagonals, as in training.
 
@@ -86,12 +83,15 @@ def for_any_views(
     _check_width(light_field, low, high, interval)
     # One more on each side, so that the ends of the range have neighbours too; a multiple of four,
     # so that scenes of similar range share a compilation.
-    wanted = max(int(np.ceil((high - low) / interval)) + 3, FEWEST_COARSE)
+    wanted = int(np.ceil((high - low) / interval)) + 3
     number = 4 * -(-wanted // 4)
     candidates = (low + high) / 2 + interval * (np.arange(number) - (number - 1) / 2)
+    # What was asked for binds; what was found by photo-consistency may fall a little short.
+    limits = (float(candidates[0]), float(candidates[-1])) if asked is None else (low, high)
+    bounds = np.array(limits, np.float32)
     return Ready(
-        (light_field.grey(), candidates.astype(np.float32), None, offsets, looked_at),
-        (float(candidates[0]), float(candidates[-1])),
+        (light_field.grey(), candidates.astype(np.float32), None, offsets, looked_at, bounds),
+        limits,
         notes,
     )
 

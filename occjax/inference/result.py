@@ -15,7 +15,8 @@ class Estimate:
         disparity: ``[H, W]`` float32, pixels per view step.
         confidence: ``[H, W]`` float32 in [0, 1]: one minus the entropy of the candidates'
             probabilities over its maximum; 1 is certain. Of a cascade, that of its least certain
-            stage.
+            stage; a stage that chooses among proposals is as certain as all proposals within 0.15
+            of the chosen one are probable together. Not comparable between grids of views.
         standard_deviation: ``[H, W]`` float32 of the last stage's probabilities, in the unit of
             disparity.
         coarse: ``[H, W]`` float32 disparity of the first stage, if there is more than one.

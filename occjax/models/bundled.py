@@ -75,7 +75,7 @@ def find_weights(name_or_path: str | Path) -> Path:
         InputError: If the file in the package is damaged, or there is neither name nor file.
     """
     path = Path(name_or_path)
-    if path.exists() or path.suffix:
+    if path.is_file() or path.suffix:
         return path
     named = {weights.name: weights for weights in bundled_weights()}
     if str(name_or_path) not in named:

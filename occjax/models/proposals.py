@@ -214,17 +214,19 @@ def propose(
             ]
         )
 
-    costs = refined_sector_costs(
-        jnp.stack([grey.views, grey.detail], axis=-1),
-        proposed,
-        penalties=penalties,
-        offsets=grey.offsets,
-    )
-    robust, absolute, of_detail = (
-        sector_channels(SectorCosts(sums, costs.weights)) for sums in costs.sums
-    )
+    features = jnp.stack([grey.views, grey.detail], axis=-1)
+
+    def costs_of(one: Float[Array, "h w"]) -> Float[Array, "12 h w"]:
+        costs = refined_sector_costs(features, one[None], penalties=penalties, offsets=grey.offsets)
+        robust, absolute, of_detail = (
+            sector_channels(SectorCosts(sums, costs.weights)) for sums in costs.sums
+        )
+        return jnp.concatenate([robust, absolute[-1:], of_detail[-1:]])[:, 0]
+
+    # One proposal at a time: a quarter of the memory, in no more time.
+    costs = jnp.moveaxis(jax.lax.map(costs_of, proposed), 0, 1)
     prior = jnp.minimum(_interpolated(found.aggregated, candidates, proposed), LARGEST_AGGREGATED)
-    channels = [robust, absolute[-1:], of_detail[-1:], prior[None] / LARGEST_AGGREGATED]
+    costs = jnp.concatenate([costs, prior[None] / LARGEST_AGGREGATED])
     reading = confidence(found.probabilities, candidates)
     spread = jnp.stack(
         [
@@ -232,9 +234,7 @@ def propose(
             found.probabilities.max(0),
         ]
     )
-    return Proposals(
-        grey.centre, disparity, proposed, jnp.clip(jnp.concatenate(channels), 0.0, 1.0), spread
-    )
+    return Proposals(grey.centre, disparity, proposed, jnp.clip(costs, 0.0, 1.0), spread)
 
 
 def _spacing(candidates: Float[Array, " d"]) -> Float[Array, ""]:
