@@ -127,7 +127,7 @@ ROWS: Mapping[str, Change] = {
     # Network
     "no plane steps before the choice": choice(plane_steps=0),
     "four neighbours": choice(neighbours=((-3, 0), (3, 0), (0, -3), (0, 3))),
-    "a narrower choice": choice(aggregation=Choice(16, (24, 24, 32, 32))),
+    "a narrow choice": choice(aggregation=Choice(8, (12, 12, 16, 16))),
     "a choice that sees little around": choice(aggregation=Choice(32, (48,))),
 }
 """Changes to the training, one at a time."""

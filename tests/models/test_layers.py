@@ -124,8 +124,11 @@ def test_a_residual_block_adds_half_of_what_two_convolutions_make():
     images = jnp.asarray(np.random.default_rng(0).normal(size=(1, 4, 5, 2)), jnp.float32)
     variables = random_variables_of(layer, images)
     first, second = (variables["params"][name] for name in ("conv_0", "conv_1"))
-    inner = jax.nn.relu(convolve_images(images, first["kernel"]) + first["bias"])
-    added = convolve_images(inner, second["kernel"]) + second["bias"]
+
+    def convolved(x, layer):
+        return convolve_images(x, layer["kernel"]) + layer["bias"][None, None, None]
+
+    added = convolved(jax.nn.relu(convolved(images, first)), second)
     expected = np.maximum(images + 0.5 * added, 0)
     np.testing.assert_allclose(layer.apply(variables, images), expected, atol=1e-5)
 
