@@ -54,8 +54,9 @@ def geman_mcclure(residual: Float[Array, "*shape"], tolerance: float) -> Float[A
         Costs in [0, 1), of the same shape.
 
     Example:
-        >>> geman_mcclure(jnp.array([0.0, 0.1, -0.3]), 0.1).round(3).tolist()
-        [0.0, 0.5, 0.8999999761581421]
+        >>> costs = geman_mcclure(jnp.array([0.0, 0.25, -0.75]), 0.25)
+        >>> [round(float(cost), 2) for cost in costs]
+        [0.0, 0.5, 0.9]
     """
     square = jnp.square(residual)
     return square / (square + tolerance**2)
