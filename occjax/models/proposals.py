@@ -48,9 +48,6 @@ SLOPE_STEP = 2
 LARGEST_AGGREGATED = 2.0
 """Aggregated cost above that of the best candidate from which on more makes no difference."""
 
-CHANNELS = 13
-"""Measures of each proposal: eight sectors and five more."""
-
 
 class GreyViews(NamedTuple):
     """What is compared.
