@@ -203,15 +203,14 @@ def propose(
 
     def penalties(differences):
         of_grey, of_detail = differences
-        return jnp.stack(
-            [
-                geman_mcclure(of_grey, GREY_TOLERANCE),
-                jnp.abs(of_grey),
-                geman_mcclure(of_detail, DETAIL_TOLERANCE),
-            ]
+        return (
+            geman_mcclure(of_grey, GREY_TOLERANCE),
+            jnp.abs(of_grey),
+            geman_mcclure(of_detail, DETAIL_TOLERANCE),
         )
 
-    features = jnp.stack([grey.views, grey.detail], axis=-1)
+    # Two of half precision are read in one; their steps are an eighth of those of 8-bit images.
+    features = jnp.stack([grey.views, grey.detail], axis=-1).astype(jnp.float16)
 
     def costs_of(one: Float[Array, "h w"]) -> Float[Array, "12 h w"]:
         costs = refined_sector_costs(features, one[None], penalties=penalties, offsets=grey.offsets)

@@ -21,7 +21,7 @@ from typing import Literal, get_args
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Float16, Int, UInt32
 
 from occjax.errors import InputError
 
@@ -173,15 +173,61 @@ def warp_plane(
     XLA fuses the bilinear taps of an ``[h, w]`` image into the arithmetic around them, which arrays
     with a short trailing axis prevent.
     """
+    taps, down, right = _taps(image, disparity, offset)
+    return _between(taps, down.astype(image.dtype), right.astype(image.dtype))
+
+
+def as_pairs(images: Float16[Array, "*b h w 2"]) -> UInt32[Array, "*b h w"]:
+    """Images of two channels of half precision, both in the bits of one number, for warp_pair."""
+    return jax.lax.bitcast_convert_type(images, jnp.uint32)
+
+
+def warp_pair(
+    pairs: UInt32[Array, "h w"], disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+    """:func:`warp` of two channels in one, borders replicated.
+
+    Reading at scattered places takes most of the time of a warp on a CPU; this reads half as often.
+    Has a derivative in the disparity alone.
+
+    Args:
+        pairs: ``[h, w]`` of :func:`as_pairs`.
+        disparity: ``[h, w]`` of the centre view, pixels per view step.
+        offset: ``[2]`` offset ``(row, column)`` of the view from the centre view.
+
+    Returns:
+        ``[h, w]`` of either channel, in single precision.
+    """
+    taps, down, right = _taps(pairs, disparity, offset)
+
+    def channel(shift):
+        halves = (jax.lax.shift_right_logical(tap, jnp.uint32(shift)) for tap in taps)
+        values = (jax.lax.bitcast_convert_type(half.astype(jnp.uint16), jnp.float16) for half in halves)
+        return _between([value.astype(jnp.float32) for value in values], down, right)
+
+    return channel(0), channel(16)
+
+
+def _taps(image: Array, disparity: Array, offset: Array) -> tuple[list[Array], Array, Array]:
+    """The four bilinear taps ``[h, w]`` of each point, row by row, and the fractions between them.
+
+    They are read from the flat image: one index serves all four.
+    """
+    h, w = image.shape
     y, x = point_in_view(disparity, offset)
-    row, down = base_and_fraction(y, image.shape[0])
-    column, right = base_and_fraction(x, image.shape[1])
-    down, right = down.astype(image.dtype), right.astype(image.dtype)
+    row, down = base_and_fraction(y, h)
+    column, right = base_and_fraction(x, w)
+    # In an image one pixel high or wide both taps are that pixel.
+    flat, base = image.reshape(-1), jnp.maximum(row, 0) * w + jnp.maximum(column, 0)
+    below, beside = min(h - 1, 1) * w, min(w - 1, 1)
+    steps = (0, beside, below, below + beside)
+    return [flat.at[base + step].get(mode="promise_in_bounds") for step in steps], down, right
 
-    def along(row):
-        return image[row, column] * (1 - right) + image[row, column + 1] * right
 
-    return along(row) * (1 - down) + along(row + 1) * down
+def _between(taps: list[Array], down: Array, right: Array) -> Array:
+    """Bilinear interpolation."""
+    upper, lower = (left * (1 - right) + beside * right for left, beside in (taps[:2], taps[2:]))
+    return upper * (1 - down) + lower * down
 
 
 def as_images(images: ArrayLike, axes: str, name: str = "views") -> Array:

@@ -32,6 +32,10 @@ def _random(*shape, seed=0):
     return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
 
 
+def _absolute(differences):
+    return [jnp.abs(differences[0])]
+
+
 def _channels(costs):
     """Of the only measure."""
     return sector_channels(SectorCosts(costs.sums[0], costs.weights))
@@ -56,7 +60,7 @@ def test_costs_are_sums_over_the_views_of_each_sector(name, tolerance):
     def costs_of(features, disparities):
         def penalties(differences):
             first, second = differences
-            return jnp.stack([geman_mcclure(first, 0.1), jnp.abs(second)])
+            return geman_mcclure(first, 0.1), jnp.abs(second)
 
         return refined_sector_costs(features, disparities, penalties=penalties, offsets=offsets)
 
@@ -67,6 +71,31 @@ def test_costs_are_sums_over_the_views_of_each_sector(name, tolerance):
     )
     np.testing.assert_allclose(costs.sums, sums, **tolerance("float32"))
     np.testing.assert_array_equal(costs.weights, weights)
+
+
+def test_two_features_of_half_precision_cost_what_they_do_in_single(tolerance):
+    features, disparities = _random(1, 17, 6, 7, 2), _random(3, 6, 7, seed=1) - 0.5
+
+    def both(differences):
+        return [jnp.abs(difference) for difference in differences]
+
+    def costs_of(features):
+        return refined_sector_costs(features, disparities, penalties=both, offsets=STAR)
+
+    half = features.astype(jnp.float16)
+    packed, plain = costs_of(half), costs_of(half.astype(jnp.float32))
+    np.testing.assert_allclose(packed.sums, plain.sums, **tolerance("float32"))
+    np.testing.assert_array_equal(packed.weights, plain.weights)
+    of_disparity = jax.grad(
+        lambda disparities, features: refined_sector_costs(
+            features, disparities, penalties=both, offsets=STAR
+        ).sums.sum()
+    )
+    np.testing.assert_allclose(
+        of_disparity(disparities, half),
+        of_disparity(disparities, half.astype(jnp.float32)),
+        **tolerance("float32"),
+    )
 
 
 @pytest.mark.parametrize("tolerance_", [0.01, 0.3])
@@ -83,7 +112,7 @@ def test_channels_are_sectors_whole_aperture_and_best_half():
 
 
 def test_a_sector_without_views_has_the_mean_of_the_others():
-    costs = refined_sector_costs(_random(1, 5, 9, 9, 1), jnp.zeros((1, 9, 9)), penalties=jnp.abs)
+    costs = refined_sector_costs(_random(1, 5, 9, 9, 1), jnp.zeros((1, 9, 9)), penalties=_absolute)
     channels = _channels(costs)
     assert costs.weights[2].max() == 0  # a row of views has none above or below
     np.testing.assert_allclose(channels[2], channels[8], rtol=1e-5)
@@ -93,7 +122,7 @@ def test_a_point_hidden_on_one_side_costs_nothing_in_the_other_half():
     views = (
         jnp.zeros((3, 3, 6, 6)).at[:, 2:].set(1.0)
     )  # seen by the centre view and those left of it
-    costs = refined_sector_costs(views[..., None], jnp.zeros((1, 6, 6)), penalties=jnp.abs)
+    costs = refined_sector_costs(views[..., None], jnp.zeros((1, 6, 6)), penalties=_absolute)
     whole, best = _channels(costs)[-2:]
     assert whole.min() > 0.3
     assert best.max() < 1e-3
@@ -104,7 +133,7 @@ def test_costs_are_least_at_the_true_disparity_of_a_slanted_plane():
     views, truth = jnp.asarray(scene.grey()), jnp.asarray(scene.ground_truth)
     errors = jnp.linspace(-0.2, 0.2, 9)
     costs = refined_sector_costs(
-        views[..., None], truth[None] + errors[:, None, None], penalties=jnp.square
+        views[..., None], truth[None] + errors[:, None, None], penalties=lambda differences: [jnp.square(differences[0])]
     )
     best = errors[_channels(costs)[8].argmin(0)]
     assert np.quantile(jnp.abs(best)[4:-4, 4:-4], 0.8) < 0.051
@@ -112,4 +141,4 @@ def test_costs_are_least_at_the_true_disparity_of_a_slanted_plane():
 
 def test_a_single_view_is_refused():
     with pytest.raises(InputError, match="one view has no disparity"):
-        refined_sector_costs(jnp.zeros((1, 1, 4, 4, 1)), jnp.zeros((1, 4, 4)), penalties=jnp.abs)
+        refined_sector_costs(jnp.zeros((1, 1, 4, 4, 1)), jnp.zeros((1, 4, 4)), penalties=_absolute)
