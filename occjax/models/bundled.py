@@ -66,7 +66,8 @@ def find_weights(name_or_path: str | Path) -> Path:
     """The file of weights given as a path, or by the name of those in the package.
 
     Args:
-        name_or_path: A path, or a name as ``occjax weights list`` shows it.
+        name_or_path: A path, or a name as ``occjax weights list`` shows it, with or without the
+            ``.safetensors`` by which an estimate calls it.
 
     Returns:
         The file. A file of that very name in the working folder comes first.
@@ -75,14 +76,15 @@ def find_weights(name_or_path: str | Path) -> Path:
         InputError: If the file in the package is damaged, or there is neither name nor file.
     """
     path = Path(name_or_path)
-    if path.is_file() or path.suffix:
-        return path
     named = {weights.name: weights for weights in bundled_weights()}
-    if str(name_or_path) not in named:
+    name = str(name_or_path).removesuffix(".safetensors")
+    if path.is_file() or (path.suffix and name not in named):
+        return path
+    if name not in named:
         raise InputError(
             f"{name_or_path}: there is no such file, and no weights of this name in the package; "
             f"there are {', '.join(named) or 'none'}"
         )
-    weights = named[str(name_or_path)]
+    weights = named[name]
     weights.verify()
     return weights.path

@@ -17,11 +17,14 @@ from occjax.models.layers import (
     halve,
     space_to_depth,
 )
-from occjax.models.proposals import Proposals
-from occjax.ops.filtering import central_differences
+from occjax.models.proposals import BEST_HALF, Proposals
+from occjax.ops.filtering import central_differences, neighbours
 
 LITTLE = 0.003
 """Cost below which differences between proposals are noise."""
+
+ALIKE = 0.05
+"""Difference of two proposals at which they half agree, and of grey at which pixels half do."""
 
 UNTRAINED = 3.0
 """Score, before training, of the disparity as it is; all other proposals have 0."""
@@ -31,16 +34,20 @@ class ProposalChoice(nn.Module):
     """A score for each proposal of each pixel.
 
     All proposals go through the same convolutions, so what is learned of one is learned of all and
-    their number and order do not matter. Twice they hear of each other: through the mean and the
-    maximum over the proposals, which a second, narrowing network looks at together with the centre
-    view. All of it works at half resolution with the four pixels of a block as channels.
+    their number and order do not matter. A neighbour is known by what lies at its place and on the
+    way there: a pixel belongs to the surface of those that look like it. Twice they hear of each
+    other: through the mean and the maximum over the proposals, which a second, narrowing network
+    looks at together with the centre view. All of it works at half resolution with the four pixels
+    of a block as channels.
 
     Attributes:
         config: Its widths.
+        places: How far away, ``(rows, columns)``, are the neighbours that propose.
         dtype: Type of the convolutions.
     """
 
     config: Choice
+    places: tuple[tuple[int, int], ...]
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
@@ -57,7 +64,11 @@ class ProposalChoice(nn.Module):
         def per_pixel(maps: Float[Array, "n c h w"]) -> Float[Array, "n i j _"]:
             return space_to_depth(jnp.moveaxis(maps, 1, -1)).astype(self.dtype)
 
-        x = per_pixel(_what_speaks_for_each(proposals, level))
+        speaking = [
+            _what_speaks_for_each(proposals, level),
+            _who_proposes(proposals, self.places),
+        ]
+        x = per_pixel(jax.lax.stop_gradient(jnp.concatenate(speaking, axis=1)))
         x = nn.relu(nn.Dense(width, dtype=self.dtype, name="enter")(x))
         x = Residual3x3(dtype=self.dtype, name="residual_0")(x)
         seen = [
@@ -127,7 +138,44 @@ def _what_speaks_for_each(
         (move / (jnp.abs(move) + 0.2))[None],
         jnp.clip(move / 0.2, -1.0, 1.0)[None],
     ]
-    return jax.lax.stop_gradient(jnp.swapaxes(jnp.concatenate(maps), 0, 1))
+    return jnp.swapaxes(jnp.concatenate(maps), 0, 1)
+
+
+def _who_proposes(
+    proposals: Proposals, places: tuple[tuple[int, int], ...]
+) -> Float[Array, "k 7 h w"]:
+    """How alike a pixel and the one that proposes are, how certain that one is, who agrees.
+
+    Difference of grey, sum of all differences on the way, whether it is a neighbour at all; spread
+    of the neighbour's candidates, and what its own disparity costs it; how many other proposals say
+    the same.
+    """
+    centre, proposed = proposals.centre, proposals.proposed
+    here = jnp.zeros_like(centre)
+    ways = [jnp.abs(jnp.diff(neighbours(centre, _way(place)), axis=0)).sum(0) for place in places]
+    sources = ((0, 0), *places, (0, 0))
+    difference = jnp.abs(neighbours(centre, sources) - centre[None])
+    variation = jnp.stack([here, *ways, here])
+    is_neighbour = jnp.stack([here, *[here + 1.0] * len(places), here])
+    agreement = 1.0 / (1.0 + jnp.square((proposed[:, None] - proposed[None]) / ALIKE))
+    maps = [
+        difference / (difference + ALIKE),
+        variation / (variation + ALIKE),
+        is_neighbour,
+        *(neighbours(one, sources) for one in proposals.spread),
+        jnp.sqrt(neighbours(proposals.costs[BEST_HALF, 0], sources)),
+        agreement.mean(1),
+    ]
+    return jnp.stack(maps, axis=1)
+
+
+def _way(place: tuple[int, int]) -> list[tuple[int, int]]:
+    """The pixels from here to a place, both included."""
+    steps = max(map(abs, place))
+    return [
+        (round(place[0] * step / steps), round(place[1] * step / steps))
+        for step in range(steps + 1)
+    ]
 
 
 def _over_all(x: Float[Array, "k i j c"]) -> Float[Array, "1 i j _"]:

@@ -132,7 +132,7 @@ class StageConfig:
         plane_steps: Before a choice, Lucas-Kanade steps with planes fitted to each.
         neighbours: For a choice, how far away, ``(rows, columns)``, are the pixels whose disparity
             is proposed too: across an edge it is the right one (the propagation of PatchMatch
-            stereo, Bleyer et al., BMVC 2011).
+            stereo, Bleyer et al., BMVC 2011). With each place its mirror images.
         second: For a choice, how far from the cheapest candidate of the first stage the second one
             that is proposed must be, pixels per view step.
         window: Distance from the likeliest candidate, pixels per view step, within which candidates
@@ -167,6 +167,13 @@ class StageConfig:
             raise ValueError("a volume of sectors has no attention and takes no ground truth")
         if (self.neighbours or self.plane_steps) and not chooses:
             raise ValueError("neighbours and plane_steps are those of a Choice")
+        places = set(self.neighbours)
+        if {(-row, column) for row, column in places} != places or {
+            (column, row) for row, column in places
+        } != places:
+            raise ValueError("neighbours must hold with each place its mirror images")
+        if (0, 0) in places or len(places) < len(self.neighbours):
+            raise ValueError("neighbours must be different places, without the pixel itself")
 
 
 @dataclass(frozen=True)

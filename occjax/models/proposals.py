@@ -49,6 +49,10 @@ LARGEST_AGGREGATED = 2.0
 """Aggregated cost above that of the best candidate from which on more makes no difference."""
 
 
+BEST_HALF = 9
+"""Which of the costs of proposals is that of the aperture's best half."""
+
+
 class GreyViews(NamedTuple):
     """What is compared.
 

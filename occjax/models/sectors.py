@@ -32,8 +32,9 @@ class SectorCascade(nn.Module):
 
     def setup(self) -> None:
         """Build the learned part."""
+        stage = self.config.stages[1]
         self.choice = ProposalChoice(
-            of_kind(self.config.stages[1].aggregation, Choice), dtype=self.dtype
+            of_kind(stage.aggregation, Choice), stage.neighbours, dtype=self.dtype
         )
 
     def __call__(

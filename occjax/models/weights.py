@@ -89,7 +89,9 @@ def load_weights(
     if warp is None:
         return variables, stored
     if stored.views is None:
-        raise InputError(f"{path}: this network has no choice of warp; leave out warp (--warp)")
+        raise InputError(
+            f"the network of {path.name} has no choice of warp; leave out warp (--warp)"
+        )
     return variables, dataclasses.replace(stored, warp=warp)
 
 

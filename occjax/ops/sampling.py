@@ -201,8 +201,8 @@ def warp_pair(
     taps, down, right = _taps(pairs, disparity, offset)
 
     def channel(shift):
-        halves = (jax.lax.shift_right_logical(tap, jnp.uint32(shift)) for tap in taps)
-        values = (jax.lax.bitcast_convert_type(half.astype(jnp.uint16), jnp.float16) for half in halves)
+        halves = [(tap >> jnp.uint32(shift)).astype(jnp.uint16) for tap in taps]
+        values = [jax.lax.bitcast_convert_type(half, jnp.float16) for half in halves]
         return _between([value.astype(jnp.float32) for value in values], down, right)
 
     return channel(0), channel(16)

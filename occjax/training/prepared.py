@@ -47,6 +47,9 @@ MENDABLE = 0.05
 """Error from which on a pixel is to be mended, up to which a proposal mends it."""
 
 
+Places = tuple[tuple[int, int], ...]
+
+
 class Packed(NamedTuple):
     """Proposals in few bytes; :func:`unpack` tells what the numbers mean."""
 
@@ -115,7 +118,8 @@ def prepared_source(
         folder: Where what is prepared is kept; made if it is not there.
         network: For which it is prepared.
         batch_size: Light fields per step.
-        seed: Of all that is drawn.
+        seed: Of order, patches and symmetries; in a new folder also of tone and noise, which stay
+            those of the seed it was made with.
         augmentation: How light fields are varied; without stride and shear.
 
     Returns:
@@ -136,7 +140,8 @@ def prepared_source(
             f"augmentation.crop is {augmentation.crop}; the network takes multiples of "
             f"{network.multiple} pixels"
         )
-    _claim(folder, _description(pools, network, seed, augmentation))
+    varied = _claim(folder, _description(pools, network, seed, augmentation))["seed"]
+    places = network.stages[1].neighbours
 
     @lru_cache(maxsize=2)
     def order(epoch: int) -> np.ndarray:
@@ -146,16 +151,16 @@ def prepared_source(
         path = folder / f"{number:06d}.npz"
         if not path.exists():
             sample = select_views(read_sample(files[number]), "star")
-            key = jax.random.fold_in(jax.random.key(seed), number)
+            key = jax.random.fold_in(jax.random.key(varied), number)
             write_prepared(path, prepare(key, to_device(sample), network, augmentation))
         return read_prepared(path)
 
     def source(step: int) -> PreparedSample:
         patches = []
-        for place in range(step * batch_size, (step + 1) * batch_size):
-            epoch, index = divmod(place, len(files))
-            generator = np.random.default_rng((seed, place))
-            patches.append(patch(generator, one(int(order(epoch)[index])), augmentation))
+        for drawn in range(step * batch_size, (step + 1) * batch_size):
+            epoch, index = divmod(drawn, len(files))
+            generator = np.random.default_rng((seed, drawn))
+            patches.append(patch(generator, one(int(order(epoch)[index])), places, augmentation))
         return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *patches)
 
     return source
@@ -198,13 +203,17 @@ def prepare(
 
 
 def patch(
-    generator: np.random.Generator, sample: PreparedSample, augmentation: AugmentationConfig
+    generator: np.random.Generator,
+    sample: PreparedSample,
+    places: Places,
+    augmentation: AugmentationConfig,
 ) -> PreparedSample:
     """Cut a patch out of a prepared light field, flip and transpose it at random.
 
     Args:
         generator: What is drawn from.
         sample: Of NumPy arrays, without a batch axis.
+        places: Of the neighbours that propose.
         augmentation: Its crop, flips and turns count.
 
     Returns:
@@ -224,30 +233,32 @@ def patch(
     sample = jax.tree.map(lambda field: field[frame], sample)
     exchanged, upside_down, mirrored = generator.integers(0, 2, 3)
     if augmentation.turns and exchanged:
-        sample = transpose(sample)
+        sample = transpose(sample, places)
     if augmentation.flips and upside_down:
-        sample = flip_rows(sample)
+        sample = flip_rows(sample, places)
     if augmentation.flips and mirrored:
-        sample = flip_columns(sample)
+        sample = flip_columns(sample, places)
     return sample
 
 
-def transpose(sample: PreparedSample) -> PreparedSample:
+def transpose(sample: PreparedSample, places: Places) -> PreparedSample:
     """Exchange rows and columns, of pixels and of views."""
     turned = jax.tree.map(lambda field: np.swapaxes(field, -1, -2), sample)
-    return _sectors_moved(turned, lambda sector: 2 - sector)
+    return _moved(turned, places, lambda sector: 2 - sector, lambda row, column: (column, row))
 
 
-def flip_rows(sample: PreparedSample) -> PreparedSample:
+def flip_rows(sample: PreparedSample, places: Places) -> PreparedSample:
     """Turn upside down, pixels and views."""
     turned = jax.tree.map(lambda field: field[..., ::-1, :], sample)
-    return _sectors_moved(turned, lambda sector: -sector)
+    return _moved(turned, places, lambda sector: -sector, lambda row, column: (-row, column))
 
 
-def flip_columns(sample: PreparedSample) -> PreparedSample:
+def flip_columns(sample: PreparedSample, places: Places) -> PreparedSample:
     """Mirror left to right, pixels and views."""
     turned = jax.tree.map(lambda field: field[..., ::-1], sample)
-    return _sectors_moved(turned, lambda sector: SECTORS // 2 - sector)
+    return _moved(
+        turned, places, lambda sector: SECTORS // 2 - sector, lambda row, column: (row, -column)
+    )
 
 
 def write_prepared(path: Path, sample: PreparedSample) -> None:
@@ -303,12 +314,24 @@ def _mendable(sample: PreparedSample) -> np.ndarray:
     return wrong & (nearest < MENDABLE) & np.asarray(sample.valid)
 
 
-def _sectors_moved(sample: PreparedSample, place) -> PreparedSample:
-    """The costs of sector s where those of ``place(s)`` were."""
-    costs = sample.packed.costs
-    order = np.arange(costs.shape[0])
-    order[place(np.arange(SECTORS)) % SECTORS] = np.arange(SECTORS)
-    return sample._replace(packed=sample.packed._replace(costs=costs[order]))
+def _moved(sample: PreparedSample, places: Places, sector_of, place_of) -> PreparedSample:
+    """Costs of sectors and proposals of neighbours where, turned, they belong.
+
+    Args:
+        sample: Its images are turned already.
+        places: Of the neighbours.
+        sector_of: The sector that a sector becomes.
+        place_of: The place that a place becomes; doing it twice does nothing.
+    """
+    packed = sample.packed
+    order = np.arange(packed.costs.shape[-4])
+    order[sector_of(np.arange(SECTORS)) % SECTORS] = np.arange(SECTORS)
+    proposers = np.arange(packed.proposed.shape[-3])
+    proposers[1 : 1 + len(places)] = [1 + places.index(place_of(*place)) for place in places]
+    turned = packed._replace(
+        proposed=packed.proposed[proposers], costs=packed.costs[order][:, proposers]
+    )
+    return sample._replace(packed=turned)
 
 
 def _description(
@@ -333,8 +356,8 @@ def _without_weights(network: NetworkConfig) -> NetworkConfig:
     return dataclasses.replace(network, stages=(search, plain))
 
 
-def _claim(folder: Path, wanted: dict) -> None:
-    """Describe a new folder, or see that the one that is there holds the same."""
+def _claim(folder: Path, wanted: dict) -> dict:
+    """Describe a new folder, or see that the one that is there holds the same but for the seed."""
     check_writable(folder)
     path = folder / PREPARATION
     if not path.exists():
@@ -342,7 +365,10 @@ def _claim(folder: Path, wanted: dict) -> None:
             raise InputError(f"{folder}: is not empty, and nothing prepared; choose another folder")
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
-    elif json.loads(path.read_text(encoding="utf-8")) != wanted:
+        return wanted
+    found = json.loads(path.read_text(encoding="utf-8"))
+    if {**found, "seed": None} != {**wanted, "seed": None}:
         raise InputError(
             f"{folder}: was prepared from other pools or for another network; choose another folder"
         )
+    return found

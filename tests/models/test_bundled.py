@@ -42,6 +42,15 @@ def test_weights_are_found_by_name(package):
     assert bundled.find_weights("good") == package / "good.safetensors"
 
 
+def test_weights_are_found_by_the_name_that_an_estimate_prints(package, tmp_path, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert bundled.find_weights("good.safetensors") == package / "good.safetensors"
+    mine = tmp_path / "empty" / "good.safetensors"
+    mine.write_bytes(b"mine")
+    assert bundled.find_weights("good.safetensors").resolve() == mine  # what is here comes first
+
+
 def test_a_path_is_taken_as_it_is(package, tmp_path):
     assert bundled.find_weights(tmp_path / "mine.safetensors") == tmp_path / "mine.safetensors"
 

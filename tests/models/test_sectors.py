@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from occjax.models import OccCasNet, StageConfig, preset
+from occjax.models import choice as choice_module
 from occjax.models import proposals as proposals_module
 from occjax.models.config import Choice, Residual
 from occjax.models.description import config_from_json, config_to_json
+from occjax.models.proposals import Proposals
 from occjax.models.stages import stage_output
 from occjax.ops import view_offsets
 from tests.reference.variables import random_variables
@@ -114,20 +116,61 @@ def test_the_choice_is_among_what_is_proposed(variables):
     assert (move <= refined.candidates.max(0) + 1e-5).all()
 
 
-def test_every_proposal_is_scored_alike(variables):
-    """Their order does not matter, but for the first, which is the disparity as it is."""
-    network = OccCasNet(CONFIG)
+def test_the_order_of_the_neighbours_does_not_matter(variables):
+    """Of all proposals but the first, which is the disparity as it is, and the last."""
     views, offsets = _views(3, 3, 32, 32), view_offsets(3, 3)
-    proposals = network.apply({}, views, offsets, method="propose")
-    order = np.array([0, 9, 3, 1, 2, 8, 5, 7, 6, 4])
+    proposals = OccCasNet(CONFIG).apply({}, views, offsets, method="propose")
+    order = np.array([0, 8, 3, 1, 2, 7, 5, 4, 6, 9])
+    search, choice = CONFIG.stages
+    places = tuple(choice.neighbours[k - 1] for k in order[1:-1])
+    other = dataclasses.replace(
+        CONFIG, stages=(search, dataclasses.replace(choice, neighbours=places))
+    )
     shuffled = proposals._replace(
         proposed=proposals.proposed[order], costs=proposals.costs[:, order]
     )
-    expected, found = (
-        network.apply(variables, each, method="choose") for each in (proposals, shuffled)
-    )
+    expected = OccCasNet(CONFIG).apply(variables, proposals, method="choose")
+    found = OccCasNet(other).apply(variables, shuffled, method="choose")
     np.testing.assert_allclose(found.probabilities, expected.probabilities[order], atol=1e-5)
     np.testing.assert_allclose(found.disparity, expected.disparity, atol=1e-5)
+    elsewhere = OccCasNet(CONFIG).apply(variables, shuffled, method="choose")
+    assert np.abs(elsewhere.probabilities - expected.probabilities[order]).max() > 1e-3
+
+
+def test_who_proposes_is_told_by_loops():
+    generator = np.random.default_rng(0)
+    places = CONFIG.stages[1].neighbours
+    proposals = Proposals(
+        *(
+            jnp.asarray(generator.random(shape), jnp.float32)
+            for shape in ((9, 11), (9, 11), (10, 9, 11), (13, 10, 9, 11), (2, 9, 11))
+        )
+    )
+    told = choice_module._who_proposes(proposals, places)
+    centre, _, proposed, costs, spread = map(np.asarray, proposals)
+
+    def at(image, y, x):
+        return image[np.clip(y, 0, 8), np.clip(x, 0, 10)]
+
+    for k, (down, right) in enumerate([(0, 0), *places, (0, 0)]):
+        for y, x in ((4, 5), (0, 10), (8, 2)):
+            steps = max(abs(down), abs(right))
+            way = [
+                at(centre, y + np.sign(down) * step, x + np.sign(right) * step)
+                for step in range(steps + 1)
+            ]
+            difference, variation = abs(way[-1] - way[0]), np.abs(np.diff(way)).sum()
+            agreement = [1 / (1 + ((p - proposed[k, y, x]) / 0.05) ** 2) for p in proposed[:, y, x]]
+            expected = [
+                difference / (difference + 0.05),
+                variation / (variation + 0.05),
+                float(steps > 0),
+                at(spread[0], y + down, x + right),
+                at(spread[1], y + down, x + right),
+                np.sqrt(at(costs[9, 0], y + down, x + right)),
+                np.mean(agreement),
+            ]
+            np.testing.assert_allclose(told[k, :, y, x], expected, atol=1e-5)
 
 
 def test_on_one_surface_all_neighbours_propose_the_same():

@@ -133,7 +133,9 @@ def test_costs_are_least_at_the_true_disparity_of_a_slanted_plane():
     views, truth = jnp.asarray(scene.grey()), jnp.asarray(scene.ground_truth)
     errors = jnp.linspace(-0.2, 0.2, 9)
     costs = refined_sector_costs(
-        views[..., None], truth[None] + errors[:, None, None], penalties=lambda differences: [jnp.square(differences[0])]
+        views[..., None],
+        truth[None] + errors[:, None, None],
+        penalties=lambda differences: [jnp.square(differences[0])],
     )
     best = errors[_channels(costs)[8].argmin(0)]
     assert np.quantile(jnp.abs(best)[4:-4, 4:-4], 0.8) < 0.051
