@@ -124,7 +124,9 @@ def picture(tables: Sequence[Table], notes: Sequence[str]) -> Figure:
         top += height
     for number, note in enumerate(lines):
         y = 1.0 - (top + (number + 0.5) * NOTE_HEIGHT) / canvas.size[1]
-        canvas.figure.text(MARGIN / width, y, note, fontsize=8.5, va="center", color=TEXT)
+        canvas.figure.text(
+            MARGIN / width, y, note, fontsize=8.5, va="center", color=TEXT, parse_math=False
+        )
     return canvas.figure
 
 
@@ -141,7 +143,7 @@ def _draw(canvas: Canvas, table: Table, top: int, names: int) -> None:
     colours = colormaps["YlGnBu"](0.5 * np.clip(np.ma.masked_invalid(behind), 0.0, 1.0))
     colours[np.isnan(values)] = 1.0
     axes.imshow(colours, extent=(0, columns, 1 + rows, 1), aspect="auto", interpolation="nearest")
-    name = {"va": "center", "fontsize": 8.5, "color": TEXT, "clip_on": False}
+    name = {"va": "center", "fontsize": 8.5, "color": TEXT, "parse_math": False}
     indent = -names / CELL_WIDTH
     axes.text(indent, 0.5, table.title, weight="bold", **name)
     for column, word in enumerate(table.columns):
