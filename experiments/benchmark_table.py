@@ -156,7 +156,7 @@ def tables(measured: Mapping[str, Scores]) -> list[Table]:
     scores: dict[str, Scores] = {name: published_scores(name) for name in published_methods()}
     scores |= measured
     common = [scene for scene in SCENES if all(scene in own for own in measured.values())]
-    columns = (*SCENES, "average")
+    columns: tuple[str, ...] = (*SCENES, "average")
     if 0 < len(common) < len(SCENES):
         columns = (*columns, f"average of {len(common)}")
     result = []

@@ -43,7 +43,13 @@ from occjax.inference.preparation import check_range
 from occjax.io.atomic import check_writable
 from occjax.lightfield import LightField, to_unit_float
 from occjax.viz.canvas import BAR_TEXT, BAR_WIDTH, MARGIN, TEXT, Canvas, save, whole_zoom
-from occjax.viz.colour import confidence_colours, cut_ends, disparity_colours, disparity_limits
+from occjax.viz.colour import (
+    confidence_colours,
+    cut_ends,
+    disparity_colours,
+    disparity_limits,
+    limits,
+)
 
 SMALL = 64
 """Side of the small form's cut-out of the bundled sample, in pixels."""
@@ -198,16 +204,13 @@ def _draw(
     _write(canvas, "centre view", lefts[0], rows[0] - LINE)
     canvas.image(_picture(band.centre, step), lefts[0], rows[0], zoom)
     found = [(o.disparity, o.confidence) for o in band.outcomes if o.disparity is not None]
-    norms = [disparity_limits(disparity, confidence) for disparity, confidence in found]
-    shared = Normalize(
-        min((norm.vmin for norm in norms), default=0.0),
-        max((norm.vmax for norm in norms), default=1.0),
-    )
+    scales = [disparity_limits(disparity, confidence) for disparity, confidence in found]
+    shared = limits(np.array([end for scale in scales for end in (scale.vmin, scale.vmax)]))
     for left, outcome in zip(lefts[1:], band.outcomes, strict=False):
         room = width // 7
-        label = (
-            outcome.label if len(outcome.label) < room - 9 else f"...{outcome.label[12 - room :]}"
-        )
+        # Room for the seconds, or a word, behind it.
+        label = outcome.label
+        label = label if len(label) <= room - 12 else f"...{label[15 - room :]}"
         if outcome.disparity is None or outcome.confidence is None:
             _write(canvas, f"{label}: failed", left, rows[0] - LINE)
             _write(canvas, fill(outcome.failure, room), left, rows[0])

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -143,7 +144,7 @@ def _draw(canvas: Canvas, table: Table, top: int, names: int) -> None:
     colours = colormaps["YlGnBu"](0.5 * np.clip(np.ma.masked_invalid(behind), 0.0, 1.0))
     colours[np.isnan(values)] = 1.0
     axes.imshow(colours, extent=(0, columns, 1 + rows, 1), aspect="auto", interpolation="nearest")
-    name = {"va": "center", "fontsize": 8.5, "color": TEXT, "parse_math": False}
+    name: dict[str, Any] = {"va": "center", "fontsize": 8.5, "color": TEXT, "parse_math": False}
     indent = -names / CELL_WIDTH
     axes.text(indent, 0.5, table.title, weight="bold", **name)
     for column, word in enumerate(table.columns):

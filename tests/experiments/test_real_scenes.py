@@ -84,6 +84,16 @@ def test_a_failure_is_on_the_sheet_beside_what_went_well():
         assert box.x1 <= figure.bbox.width
 
 
+def test_a_scene_that_no_estimator_could_do_is_on_the_sheet():
+    figure = sheet([Band("scene", np.zeros((20, 30, 3)), (Outcome("b", failure="no"),))], "")
+    assert [text.get_text() for text in figure.texts[:4]] == [
+        "scene",
+        "centre view",
+        "b: failed",
+        "no",
+    ]
+
+
 def test_large_views_are_shown_smaller():
     values = np.zeros((100, 1500))
     views = np.zeros((100, 1500, 3), np.uint8)
