@@ -9,6 +9,7 @@ from occjax.io.mosaics import join_macpi, join_tiles, split_macpi, split_tiles
 from occjax.io.naming import GridWarning
 from occjax.io.orientation import ORIENTATIONS, Orientation
 from occjax.io.pfm import read_pfm, write_pfm
+from occjax.io.submission import check_submission, write_submission
 
 __all__ = [
     "ORIENTATIONS",
@@ -20,6 +21,7 @@ __all__ = [
     "atomic_folder",
     "atomic_path",
     "check",
+    "check_submission",
     "join_macpi",
     "join_tiles",
     "load",
@@ -30,4 +32,5 @@ __all__ = [
     "split_tiles",
     "write_arrays",
     "write_pfm",
+    "write_submission",
 ]

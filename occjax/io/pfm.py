@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,19 +42,7 @@ def read_pfm(path: str | Path) -> np.ndarray:
     path = Path(path)
     with reading(path):
         data = path.read_bytes()
-    (magic, columns, rows, scale), start = _header(path, data)
-    channels = {"PF": 3, "Pf": 1}[magic]
-    width, height = _size(path, columns), _size(path, rows)
-    byte_order = "<f4" if _scale(path, scale) < 0 else ">f4"
-    expected, found = width * height * channels * 4, len(data) - start
-    if found != expected:
-        raise InputError(
-            f"{path}: header says {width}x{height} pixels, which is {expected} bytes, but {found} "
-            f"follow; the file is {'truncated' if found < expected else 'damaged'}, copy it again"
-        )
-    pixels = np.frombuffer(data, byte_order, offset=start).astype(np.float32)
-    image = pixels.reshape(height, width, channels)[::-1]
-    return np.ascontiguousarray(image if channels == 3 else image[..., 0])
+    return decode_pfm(data, path)
 
 
 def write_pfm(path: str | Path, image: np.ndarray) -> None:
@@ -73,17 +62,92 @@ def write_pfm(path: str | Path, image: np.ndarray) -> None:
         >>> path.read_bytes()[:12]
         b'Pf\n2 1\n-1.0\n'
     """
+    data = encode_pfm(image, path)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+class PfmHeader(NamedTuple):
+    """What the header of a PFM file says.
+
+    Attributes:
+        height: Rows of pixels.
+        width: Columns of pixels.
+        channels: 1 (grey) or 3 (colour).
+        little_endian: Whether that is the byte order of the values.
+        start: Number of bytes before the values.
+    """
+
+    height: int
+    width: int
+    channels: int
+    little_endian: bool
+    start: int
+
+
+def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
+    r"""Read the header of a PFM file's content.
+
+    Args:
+        data: The file's bytes.
+        path: What to call it in an error.
+
+    Raises:
+        InputError: If there is no such header, or the length of what follows is not what it says.
+
+    Example:
+        >>> pfm_header(b"Pf\n2 1\n-1.0\n" + bytes(8), "map.pfm")
+        PfmHeader(height=1, width=2, channels=1, little_endian=True, start=12)
+    """
+    (magic, columns, rows, scale), start = _header(path, data)
+    channels = {"PF": 3, "Pf": 1}[magic]
+    width, height = _size(path, columns), _size(path, rows)
+    little_endian = _scale(path, scale) < 0
+    expected, found = width * height * channels * 4, len(data) - start
+    if found != expected:
+        raise InputError(
+            f"{path}: header says {width}x{height} pixels, which is {expected} bytes, but {found} "
+            f"follow; the file is {'truncated' if found < expected else 'damaged'}, copy it again"
+        )
+    return PfmHeader(height, width, channels, little_endian, start)
+
+
+def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
+    """The image in a PFM file's content.
+
+    Takes and raises what :func:`pfm_header` does; returns what :func:`read_pfm` does.
+    """
+    header = pfm_header(data, path)
+    byte_order = "<f4" if header.little_endian else ">f4"
+    pixels = np.frombuffer(data, byte_order, offset=header.start).astype(np.float32)
+    image = pixels.reshape(header.height, header.width, header.channels)[::-1]
+    return np.ascontiguousarray(image if header.channels == 3 else image[..., 0])
+
+
+def encode_pfm(image: np.ndarray, path: str | Path) -> bytes:
+    r"""A PFM file's content; see :func:`write_pfm`.
+
+    Args:
+        image: ``[H, W]`` or ``[H, W, 3]``, top row first.
+        path: What to call it in an error.
+
+    Raises:
+        InputError: If the array has another shape.
+
+    Example:
+        >>> encode_pfm(np.array([[1.0]]), "map.pfm")
+        b'Pf\n1 1\n-1.0\n\x00\x00\x80?'
+    """
     if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)) or image.size == 0:
         raise InputError(
             f"{path}: a PFM file holds [H, W] or [H, W, 3], not {list(image.shape)}; pass one map"
         )
     height, width = image.shape[:2]
     header = f"{'Pf' if image.ndim == 2 else 'PF'}\n{width} {height}\n-1.0\n"
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(header.encode("ascii") + image[::-1].astype("<f4").tobytes())
+    return header.encode("ascii") + image[::-1].astype("<f4").tobytes()
 
 
-def _header(path: Path, data: bytes) -> tuple[list[str], int]:
+def _header(path: str | Path, data: bytes) -> tuple[list[str], int]:
     """The four words of the header, and where the pixels start.
 
     The header ends with the line of its fourth word. Going by lines keeps pixel bytes that look
@@ -108,14 +172,14 @@ def _header(path: Path, data: bytes) -> tuple[list[str], int]:
     return words, start
 
 
-def _size(path: Path, word: str) -> int:
+def _size(path: str | Path, word: str) -> int:
     """Width or height."""
     if not word.isdecimal() or int(word) == 0:
         raise InputError(f"{path}: {word[:20]!r} in the header is no image size; write it again")
     return int(word)
 
 
-def _scale(path: Path, word: str) -> float:
+def _scale(path: str | Path, word: str) -> float:
     """The scale, whose sign is the byte order."""
     try:
         scale = float(word)

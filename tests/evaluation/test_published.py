@@ -17,16 +17,20 @@ def test_nine_methods_are_known_on_twelve_scenes():
             assert scene["badpix_0.07"] <= scene["badpix_0.03"] <= scene["badpix_0.01"]
 
 
-def test_averages_are_as_printed_but_for_two():
+def test_averages_are_as_printed_but_for_three():
     wrong = []
     for method in published.published_methods():
-        found = published.average(published.published_scores(method))
+        scores = published.published_scores(method)
+        found = published.average(scores)
         for measure, printed in published.printed_average(method).items():
-            # Four digits are printed.
-            if found[measure] != pytest.approx(printed, rel=6e-4, abs=6e-4):
+            # At most four digits and three decimals are printed, of the scores and of their mean.
+            rounded = [0.0005 if own[measure] < 10.0 else 0.005 for own in scores.values()]
+            slack = sum(rounded) / 12 + (0.0005 if printed < 10.0 else 0.005)
+            if abs(found[measure] - printed) > slack:
                 wrong.append((method, measure, printed, round(found[measure], 3)))
     assert wrong == [
         ("SPO", "badpix_0.03", 32.71, 22.299),
+        ("FastLFnet", "badpix_0.01", 56.45, 56.42),
         ("OccCasNet", "badpix_0.07", 2.859, 2.857),
     ]
 

@@ -1,0 +1,174 @@
+"""Scores of maps known by construction, and the paper's own column out of its published map."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import benchmark_table
+from experiments.commands import exit_with
+from occjax.evaluation.published import SCENES, TEST
+from occjax.io import write_pfm
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the script; returns exit code, standard output and standard error."""
+
+    def script(*arguments):
+        monkeypatch.setattr(sys, "argv", ["benchmark_table", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            exit_with(lambda: benchmark_table.tyro.cli(benchmark_table.run))
+        printed = capsys.readouterr()
+        return stopped.value.code, printed.out, printed.err
+
+    return script
+
+
+def cells(printed):
+    """Printed tables as ``[title, row, column]``, marks removed."""
+    found = {}
+    for block in printed.split("\n\n"):
+        rows = [
+            [cell.strip().strip("*") for cell in line.split("|")[1:-1]]
+            for line in block.splitlines()
+            if line.startswith("|")
+        ]
+        for row in rows[2:]:
+            for column, cell in zip(rows[0][1:], row[1:], strict=True):
+                found[rows[0][0], row[0], column] = cell.replace("<u>", "").replace("</u>", "")
+    return found
+
+
+@pytest.fixture
+def benchmark(tmp_path):
+    """Ground truth of the scenes that have one, and estimates that are off by known amounts."""
+    shape = (40, 40)
+    for number, scene in enumerate(SCENES):
+        folder = tmp_path / "hci" / ("test" if scene in TEST else "training") / scene
+        folder.mkdir(parents=True)
+        if scene not in TEST:
+            write_pfm(folder / "gt_disp_lowres.pfm", np.full(shape, number, np.float32))
+        write_pfm(tmp_path / f"flat/{scene}.pfm", np.full(shape, number + 0.02, np.float32))
+        if scene not in ("dots", "dino"):
+            estimate = np.full(shape, number, np.float32)
+            estimate[:, :23] += 0.05  # eight of the ten columns within the border
+            write_pfm(tmp_path / f"results/{scene}/disparity.pfm", estimate)
+    return tmp_path
+
+
+def test_the_committed_tables_are_what_the_script_prints(run):
+    code, out, err = run()
+    assert (code, err) == (0, "")
+    committed = Path(benchmark_table.__file__).with_suffix(".md").read_text(encoding="utf-8")
+    assert out == committed
+
+
+def test_averages_that_the_paper_prints_otherwise_show_both(run):
+    table = cells(run()[1])
+    both = {key: cell for key, cell in table.items() if "(" in cell}
+    assert both == {
+        ("BadPix 0.07", "OccCasNet", "average"): "2.857 (2.859)",
+        ("BadPix 0.03", "SPO", "average"): "22.30 (32.71)",
+        ("BadPix 0.01", "FastLFnet", "average"): "56.42 (56.45)",
+    }
+    assert table["MSE x100", "OccCasNet", "average"] == "1.554"
+    assert len(table) == 4 * 9 * 13
+
+
+def test_measured_methods_stand_beside_the_published(run, benchmark):
+    code, out, err = run(
+        f"flat={benchmark / 'flat'}",
+        f"most={benchmark / 'results'}",
+        "--truth",
+        benchmark / "hci",
+        "-o",
+        benchmark / "tables",
+    )
+    assert (code, err) == (0, "")
+    table = cells(out)
+    for measure, flat, most in (
+        ("BadPix 0.07", "0.000", "0.000"),
+        ("BadPix 0.03", "0.000", "80.00"),
+        ("BadPix 0.01", "100.0", "80.00"),
+        ("MSE x100", "0.040", "0.200"),
+        ("Q25 x100", "2.000", "5.000"),
+    ):
+        assert table[measure, "flat", "cotton"] == flat
+        assert table[measure, "flat", "dots"] == flat
+        assert table[measure, "most", "dots"] == "–"  # noqa: RUF001
+        assert table[measure, "flat", "herbs"] == "–"  # noqa: RUF001
+        assert table[measure, "flat", "average"] == "–"  # noqa: RUF001
+        assert table[measure, "flat", "average of 6"] == flat
+        assert table[measure, "most", "average of 6"] == most
+    # OccCasNet's MSE on the six scenes that both have: 3.834, 0.004, 0.889, 2.678, 0.201, 0.397.
+    assert table["MSE x100", "OccCasNet", "average of 6"] == "1.334"
+    assert ("Q25 x100", "OccCasNet", "cotton") not in table
+    assert "flat: no ground truth: bedroom, bicycle, herbs, origami." in out
+    assert "most: no estimate: dots, dino; no ground truth: bedroom," in out
+    written = {path.name for path in (benchmark / "tables").iterdir()}
+    assert written == {"benchmark_table.md", "benchmark_table.tex", "benchmark_table.png"}
+    assert (benchmark / "tables/benchmark_table.md").read_text(encoding="utf-8") == out
+    assert (benchmark / "tables/benchmark_table.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_the_papers_column_for_cotton_comes_out_of_its_map(run, shared, tmp_path):
+    maps = shared / "data/hci/cotton_maps"
+    (tmp_path / "hci/training").mkdir(parents=True)
+    (tmp_path / "hci/training/cotton").symlink_to(maps)
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps/cotton.pfm").symlink_to(maps / "occcasnet_published.pfm")
+    table = cells(run(f"map={tmp_path / 'maps'}", "--truth", tmp_path / "hci")[1])
+    measures = ("BadPix 0.07", "BadPix 0.03", "BadPix 0.01", "MSE x100")
+    for method in ("map", "OccCasNet"):
+        for column in ("cotton", "average of 1"):
+            found = [table[measure, method, column] for measure in measures]
+            assert found == ["0.263", "0.569", "3.057", "0.201"]
+
+
+def test_pixels_without_an_estimate_are_told(run, benchmark):
+    estimate = np.full((40, 40), 0.02, np.float32)
+    estimate[20, 15:18] = np.nan
+    write_pfm(benchmark / "flat/backgammon.pfm", estimate)
+    out = run(f"flat={benchmark / 'flat'}", "--truth", benchmark / "hci")[1]
+    assert cells(out)["BadPix 0.07", "flat", "backgammon"] == "3.000"
+    assert "pixels without an estimate: backgammon (3)" in out
+
+
+def test_the_small_form_shows_the_scores_that_are_known(run):
+    code, out, err = run("--small")
+    assert (code, err) == (0, "")
+    table = cells(out)
+    for measure, score in (
+        ("BadPix 0.07", "0.000"),
+        ("BadPix 0.03", "0.000"),
+        ("BadPix 0.01", "100.0"),
+        ("MSE x100", "0.040"),
+        ("Q25 x100", "2.000"),
+    ):
+        assert table[measure, "moved by 0.02", "average"] == score
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("flat", "--truth", "hci"), "'flat' does not say which method is where"),
+        (("=flat", "--truth", "hci"), "pass NAME=FOLDER"),
+        (("flat=flat",), "with --truth"),
+        (("CAE=flat", "--truth", "hci"), "two methods called CAE"),
+        (("a=flat", "a=flat", "--truth", "hci"), "two methods called a"),
+        (("a=nowhere", "--truth", "hci"), "nowhere: there is no such folder"),
+        (("a=flat", "--truth", "nowhere"), "nowhere: there is no such folder"),
+        (("a=hci", "--truth", "hci"), "hci: has no <scene>.pfm"),
+        (("a=other", "--truth", "hci"), "cotton.pfm against"),
+        (("a=flat", "--truth", "hci", "--small"), "leave out methods"),
+        (("-o", "flat/dots.pfm"), "dots.pfm"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, benchmark, monkeypatch, arguments, says):
+    monkeypatch.chdir(benchmark)
+    write_pfm(benchmark / "other/cotton.pfm", np.zeros((50, 40)))
+    code, _, err = run(*arguments)
+    assert (code, err.count("\n")) == (2, 1)
+    assert says in err

@@ -1,0 +1,156 @@
+"""The small form makes a sheet; what is on it is where and in the colours that it says."""
+
+import sys
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from experiments import real_scenes
+from experiments.commands import cut_out, exit_with
+from experiments.real_scenes import Band, Outcome, sheet
+from occjax.viz.colour import disparity_colours
+from tests.scenes import plane
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the script; returns exit code, standard output and standard error."""
+
+    def script(*arguments):
+        monkeypatch.setattr(sys, "argv", ["real_scenes", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            exit_with(lambda: real_scenes.tyro.cli(real_scenes.run))
+        printed = capsys.readouterr()
+        return stopped.value.code, printed.out, printed.err
+
+    return script
+
+
+def pixels(figure, tmp_path):
+    """``[H, W, 3]`` the figure as it is written."""
+    real_scenes.save(figure, tmp_path / "sheet.png")
+    return imageio.imread(tmp_path / "sheet.png")[..., :3].astype(int)
+
+
+def count(picture, colour, tolerance=2):
+    """Number of pixels of about this colour."""
+    return int((np.abs(picture - np.asarray(colour)) <= tolerance).all(-1).sum())
+
+
+def test_estimators_share_the_colours_of_their_disparities(tmp_path):
+    certain = np.ones((40, 40))
+    centre = np.broadcast_to(np.array([250, 20, 90], np.uint8), (40, 40, 3))
+    outcomes = (
+        Outcome("near", np.full((40, 40), 1.0), certain, 1.26),
+        Outcome("ramp", np.tile(np.linspace(-1.0, 0.9, 40), (40, 1)), certain, 20.0),
+    )
+    figure = sheet([Band("lab: 3x3 views", centre, outcomes)], "A note.")
+    words = [text.get_text() for text in figure.texts]
+    assert words == [
+        "lab: 3x3 views",
+        "centre view",
+        "near: 1.3 s",
+        "near: confidence",
+        "ramp: 20.0 s",
+        "ramp: confidence",
+        "A note.",
+    ]
+    picture = pixels(figure, tmp_path)
+    panel = (8 * 40) ** 2
+    assert count(picture, [250, 20, 90]) == panel
+    # A constant map's own scale is half a pixel to each side, so the common one is [-1, 1.5].
+    colours = disparity_colours()
+    assert count(picture, np.array(colours(2.0 / 2.5)[:3]) * 255) >= panel
+    # Both confidences are one, whose colour is not that of any disparity.
+    assert count(picture, np.array(real_scenes.confidence_colours()(1.0)[:3]) * 255) >= 2 * panel
+
+
+def test_a_failure_is_on_the_sheet_beside_what_went_well():
+    values = np.zeros((20, 30))
+    outcomes = (Outcome("runs/with/a/name/of/many/letters/in/it", values, values, 1.0),)
+    outcomes += (Outcome("b", failure="has 5x5 views, the network takes 9x9"),)
+    figure = sheet([Band("scene", np.zeros((20, 30, 1)), outcomes)] * 2, "A $note$.")
+    words = [text.get_text().replace("\n", " ") for text in figure.texts]
+    assert words.count("b: failed") == 2
+    assert words.count("has 5x5 views, the network takes 9x9") == 2
+    (name,) = {word for word in words if word.endswith(": 1.0 s")}
+    assert name.startswith("...")
+    assert "letters/in/it: " in name
+    figure.draw_without_rendering()
+    for text in figure.texts:
+        box = text.get_window_extent()
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.width
+
+
+def test_a_scene_that_no_estimator_could_do_is_on_the_sheet():
+    figure = sheet([Band("scene", np.zeros((20, 30, 3)), (Outcome("b", failure="no"),))], "")
+    assert [text.get_text() for text in figure.texts[:4]] == [
+        "scene",
+        "centre view",
+        "b: failed",
+        "no",
+    ]
+
+
+def test_large_views_are_shown_smaller():
+    values = np.zeros((100, 1500))
+    views = np.zeros((100, 1500, 3), np.uint8)
+    figure = sheet([Band("scene", views, (Outcome("a", values, values),))], "")
+    shapes = [axes.images[0].get_array().shape[:2] for axes in figure.axes if axes.images]
+    assert shapes == [(34, 500)] * 3
+
+
+def test_the_small_form_writes_a_sheet(run, tmp_path):
+    code, out, err = run("--small", "-o", tmp_path / "s.png", "--estimators", "photometric")
+    assert (code, err) == (0, "")
+    assert "sample: photometric, disparity searched in [-1.60, 2.80], compile" in out
+    height, width = imageio.imread(tmp_path / "s.png").shape[:2]
+    assert width > 2 * 320
+    assert height > 2 * 320
+
+
+def test_one_bad_scene_does_not_stop_the_others(run, tmp_path):
+    scene = plane(grid=(3, 3), size=(32, 40), disparity=0.5)
+    np.save(tmp_path / "scene.npy", scene.views)
+    arguments = ("--disparity-range", 0, 1, "--estimators", "photometric")
+    code, out, err = run(
+        tmp_path / "absent", tmp_path / "scene.npy", "-o", tmp_path / "s.png", *arguments
+    )
+    assert code == 1
+    assert "absent" in err
+    assert err.count("\n") == 1
+    assert "scene: photometric, disparity searched in [0.00, 1.00]" in out
+    assert (tmp_path / "s.png").is_file()
+
+
+def test_a_cut_out_keeps_what_belongs_together():
+    whole = plane(size=(40, 48), slope=(0.01, 0.02))
+    part = cut_out(whole, 16, (3, 5))
+    np.testing.assert_array_equal(part.views[1, 2, 0, 0], whole.views[1, 2, 3, 5])
+    assert part.ground_truth[15, 15] == whole.ground_truth[18, 20]
+    assert cut_out(whole, 20).ground_truth[0, 0] == whole.ground_truth[10, 14]
+    assert cut_out(whole, 44).image_size == (40, 44)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("-o", "s.png"), "name one scene or more"),
+        (("scene", "--small", "-o", "s.png"), "brings its own"),
+        (("--small", "-o", "s.jpg"), "ends with .png"),
+        (("--small", "-o", "s.png", "--estimators"), "name an estimator: one of photometric"),
+        (("--small", "-o", "s.png", "--estimators", "best"), "best: there is no such file"),
+        (("--small", "-o", "s.png", "--estimators", "occcasnet"), "needs weights"),
+        (("--small", "-o", "s.png", "--disparity-range", "2", "1"), "minimum < maximum"),
+        (("absent", "-o", "s.png", "--estimators", "photometric"), "absent: there is no such"),
+        (("--small", "-o", "file/s.png", "--estimators", "photometric"), "it is a file"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    code, out, err = run(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert says in err

@@ -1,0 +1,136 @@
+"""The small form makes a whole submission; what is missing is told before anything is estimated."""
+
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from experiments import submit
+from experiments.commands import exit_with
+from occjax.data.sample import sample
+from occjax.io import read_pfm, write_submission
+from occjax.io.submission import SCENES
+from tests.io.files import save_views
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run the script; returns exit code, standard output and standard error."""
+
+    def script(*arguments):
+        monkeypatch.setattr(sys, "argv", ["submit", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            exit_with(submit.main)
+        printed = capsys.readouterr()
+        return stopped.value.code, printed.out, printed.err
+
+    return script
+
+
+TRIAL = ("--small", "--model", "photometric")
+
+
+def test_the_small_form_makes_a_whole_submission_and_goes_on_where_it_stopped(run, tmp_path):
+    file = tmp_path / "one.zip"
+    code, out, err = run("make", *TRIAL, "-o", file, "--scenes", "dino")
+    assert (code, err) == (0, "")
+    assert "1 scenes of 64x64 pixels, no full submission" in out
+    # The sample's third row, third column of squares, which is dino's.
+    error = read_pfm(tmp_path / "one/disp_maps/dino.pfm") - sample().ground_truth[64:128, 128:192]
+    assert np.median(np.abs(error)) < 0.05
+    kept = tmp_path / "one/runtimes/dino.txt"
+    kept.write_text("1234.5")
+    code, out, err = run("make", *TRIAL, "-o", file, "--scenes", "dots", "dino")
+    assert code == 0
+    with zipfile.ZipFile(file) as archive:
+        assert len(archive.namelist()) == 4
+        assert float(archive.read("runtimes/dino.txt")) == 1234.5
+        assert 0.0 < float(archive.read("runtimes/dots.txt")) < 600.0
+    code, out, err = run("validate", file)
+    assert code == 1
+    assert len(out.splitlines()) == 2 + 2 * 10
+    assert "disp_maps/dino.pfm: has 64x64 pixels, not 512x512" in out
+    assert "runtimes/herbs.txt: is missing" in out
+    kept.write_text("soon")
+    code, _, err = run("make", *TRIAL, "-o", file, "--scenes", "dino")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "dino.txt: reads 'soon'" in err
+
+
+def test_a_faultless_submission_is_fine(run, tmp_path):
+    maps = dict.fromkeys(SCENES, np.zeros((512, 512), np.float32))
+    write_submission(tmp_path / "one.zip", maps, dict.fromkeys(SCENES, 1.0))
+    code, out, err = run("validate", tmp_path / "one.zip")
+    assert (code, err) == (0, "")
+    assert out.startswith(f"{tmp_path / 'one.zip'}: fine, 12 disparity maps of 512x512 pixels")
+
+
+@pytest.fixture
+def benchmark(tmp_path):
+    """Scenes as the archives unpack, with one view in two colours at the benchmark's size."""
+    views = np.zeros((9, 9, 512, 512, 3), np.uint8)
+    folder = save_views(tmp_path / "hci/training/cotton", views[:1, :1], lambda v, u: "0.png")
+    for number in range(81):
+        (folder / f"input_Cam{number:03d}.png").symlink_to(folder / "0.png")
+    (tmp_path / "hci/test/herbs").mkdir(parents=True)
+    return tmp_path / "hci"
+
+
+@pytest.mark.parametrize(
+    ("scenes", "broken", "says"),
+    [
+        (("cotton", "dots", "dino"), None, "has no folder of dots, dino"),
+        (("cotton", "herbs"), None, "herbs: input_Cam000.png is missing, and 80 other views"),
+        (("cotton",), "input_Cam057.png", "cotton: input_Cam057.png is missing; unpack"),
+    ],
+)
+def test_what_is_missing_is_told_before_anything_is_estimated(
+    run, benchmark, tmp_path, monkeypatch, scenes, broken, says
+):
+    monkeypatch.setattr(submit, "Estimator", None)  # estimating would fail
+    if broken:
+        (benchmark / "training/cotton" / broken).unlink()
+    code, _, err = run("make", benchmark, "-o", tmp_path / "one.zip", "--scenes", *scenes)
+    assert (code, err.count("\n")) == (2, 1)
+    assert says in err
+    assert not (tmp_path / "one").exists()
+
+
+def test_views_of_another_size_and_scenes_that_are_there_twice_are_refused(
+    run, benchmark, tmp_path
+):
+    save_views(tmp_path / "hci/test/herbs", np.zeros((9, 9, 16, 16, 3), np.uint8), nine_by_nine)
+    arguments = ("make", benchmark, "-o", tmp_path / "one.zip", "--scenes")
+    assert "is 16x16 pixels, not 512x512" in run(*arguments, "herbs")[2]
+    (benchmark / "other/cotton").mkdir(parents=True)
+    assert "remove one of them" in run(*arguments, "cotton")[2]
+
+
+def nine_by_nine(v, u):
+    return f"input_Cam{9 * v + u:03d}.png"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("make", "-o", "one.zip"), "name the folder"),
+        (("make", "nowhere", "-o", "one.zip"), "nowhere: there is no such folder"),
+        (("make", "--small", "-o", "one"), "ends with .zip"),
+        (("make", "--small", "-o", "one.zip", "--scenes", "coton"), "'coton' is no scene"),
+        (("make", "--small", "-o", "one.zip", "--scenes", "dots", "dots"), "named twice"),
+        (("make", "--small", "-o", "one.zip", "--scenes"), "name some scenes"),
+        (("make", "--small", "-o", "one.zip", "--model", "occcasnet"), "needs weights"),
+        (("make", *TRIAL, "-o", "mine.zip"), "mine: is there already, with other things"),
+        (("make", *TRIAL, "-o", "made.zip"), "made: was made with another model"),
+        (("validate", "nowhere.zip"), "nowhere.zip: there is no such file"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    for folder, file in (("mine", "thesis.txt"), ("made", "settings.json")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / file).write_text("{}")
+    code, out, err = run(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert says in err
