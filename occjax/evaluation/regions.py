@@ -2,8 +2,8 @@
 
 Defined in "A Dataset and Evaluation Methodology for Depth Estimation on 4D Light Fields" (Honauer,
 Johannsen, Kondermann and Goldluecke, ACCV 2016), thresholds as in the descriptions that the
-benchmark prints with its measures. Errors at single pixels and their averages say little about how a surface looks:
-whether planes are smooth, whether thin things keep their width.
+benchmark prints with its measures. Errors at single pixels and their averages say little about how
+a surface looks: whether planes are smooth, whether thin things keep their width.
 
 In every function a pixel without a finite estimate has the worst value that the measure knows, so
 that leaving out the hard pixels improves no score. A pixel without finite ground truth is left out,

@@ -188,3 +188,11 @@ def test_layers_without_a_foreground_are_refused():
         foreground_fattening(
             truth, truth, foreground=np.zeros(truth.shape, bool), background=truth == FAR
         )
+
+
+def test_exactly_halfway_is_closer_to_neither_layer():
+    truth = bar(22, 28)
+    halfway = np.full_like(truth, 0.5 * (NEAR + FAR))
+    layers = {"foreground": truth == NEAR, "background": truth == FAR}
+    assert foreground_fattening(halfway, truth, **layers) == 0.0
+    assert foreground_thinning(halfway, truth, **layers) == 0.0
