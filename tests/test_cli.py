@@ -238,3 +238,56 @@ def test_a_pool_is_rendered_and_says_how_to_train_on_it(run, tmp_path):
     assert "1 light fields" in out
     assert f"--data.pools {tmp_path / 'pool'}" in out
     assert len(list((tmp_path / "pool").glob("*.npz"))) == 1
+
+
+@pytest.mark.parametrize("scene_first", [True, False])
+def test_a_scene_stands_for_its_ground_truth_in_either_place(run, scene, tmp_path, scene_first):
+    truth = read_pfm(scene / "gt_disp_lowres.pfm")
+    np.save(tmp_path / "estimate.npy", truth + np.float32(0.5))
+    pair = (scene, tmp_path / "estimate.npy")
+    code, out, err = run("evaluate", *(pair if scene_first else pair[::-1]), "--border", 2)
+    assert (code, err) == (0, "")
+    assert "MSE x100     25.000" in out
+
+
+def test_evaluate_lists_what_the_scene_has_no_masks_for(run, scene, tmp_path):
+    truth = read_pfm(scene / "gt_disp_lowres.pfm")
+    (scene / "masks").mkdir()
+    mask = np.zeros(truth.shape, np.uint8)
+    mask[16, 16:20] = 255
+    imageio.imwrite(scene / "masks/discontinuities.png", mask)
+    estimate = truth.copy()
+    estimate[16, 16] += 1.0  # one of four pixels
+    np.save(tmp_path / "estimate.npy", estimate)
+    code, out, _ = run("evaluate", "--metrics", "all", scene, tmp_path / "estimate.npy")
+    assert code == 0
+    assert ["discontinuities", "25.000", "%"] in [line.split() for line in out.splitlines()]
+    assert "mask_fine_lowres.png" in out
+    names = "discontinuities, badpix_0.5"
+    code, out, _ = run("evaluate", "--metrics", names, scene, tmp_path / "estimate.npy", "--json")
+    assert json.loads(out)["metrics"] == {
+        "discontinuities": 25.0,
+        "badpix_0.5": pytest.approx(100 / (2 * 10)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("metrics", "message"),
+    [
+        ("fine_thinning", "mask_fine_lowres.png"),
+        ("thinness", "there is no measure 'thinness'"),
+        (" , ", "names no measure"),
+    ],
+)
+def test_a_measure_that_cannot_be_had_is_one_line_and_code_2(run, scene, metrics, message):
+    truth = scene / "gt_disp_lowres.pfm"
+    code, out, err = run("evaluate", "--metrics", metrics, scene, truth)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_measures_of_regions_need_a_scene(run, scene):
+    truth = scene / "gt_disp_lowres.pfm"
+    code, _, err = run("evaluate", "--metrics", "all", truth, truth)
+    assert code == 2
+    assert "is a scene's folder" in err

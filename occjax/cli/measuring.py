@@ -8,25 +8,78 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import Stored
-from occjax.evaluation import BORDER, THRESHOLDS, evaluate_files
+from occjax.cli.options import Stored, option
+from occjax.errors import InputError
+from occjax.evaluation import (
+    BORDER,
+    THRESHOLDS,
+    Metrics,
+    SceneScores,
+    evaluate_files,
+    evaluate_scene,
+    is_scene,
+)
 from occjax.io import Orientation, OrientationReport, check
 from occjax.io.orientation import declared_orientation
 
 
 def evaluate_command(
-    estimate: Positional[Annotated[Path, arg(help="Disparity map, PFM or NPY.")]],
-    ground_truth: Positional[Annotated[Path, arg(help="True disparity, PFM or NPY.")]],
+    estimate: Positional[
+        Annotated[Path, arg(help="Disparity map, PFM or NPY, or folder of results.")]
+    ],
+    ground_truth: Positional[
+        Annotated[
+            Path,
+            arg(
+                help="True disparity, PFM or NPY, or the scene's folder (with gt_disp_lowres.pfm), "
+                "which may also come first."
+            ),
+        ]
+    ],
+    metrics: Annotated[
+        str | None,
+        option(
+            "Measures of the HCI benchmark in the regions of the scene: all, or names with commas "
+            "between, such as discontinuities,bumpiness_planes. Masks are those in its folder.",
+            "all|NAMES",
+        ),
+    ] = None,
     thresholds: Annotated[
-        tuple[float, ...], arg(help="BadPix thresholds, in pixels per view step.")
+        tuple[float, ...],
+        arg(help="BadPix thresholds, in pixels per view step (in NAMES: badpix_0.07)."),
     ] = THRESHOLDS,
     border: Annotated[int, arg(help="Pixels left out at each side.")] = BORDER,
     json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
 ) -> int:
-    """Compare a disparity map with the ground truth."""
-    metrics = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
-    print(json.dumps(metrics.as_dict(), indent=2) if json_ else metrics.table())
+    """Compare a disparity map with the ground truth, everywhere or by regions of the scene."""
+    if is_scene(estimate) and not is_scene(ground_truth):
+        estimate, ground_truth = ground_truth, estimate
+    if metrics is not None and not is_scene(ground_truth):
+        raise InputError(
+            f"neither {estimate} nor {ground_truth} is a scene's folder (with gt_disp_lowres.pfm), "
+            "which --metrics needs; name one"
+        )
+    scores: Metrics | SceneScores
+    if metrics is None:
+        scores = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
+    else:
+        scores = evaluate_scene(
+            ground_truth,
+            estimate,
+            names=_names(metrics),
+            thresholds=thresholds,
+            border=border,
+        )
+    print(json.dumps(scores.as_dict(), indent=2) if json_ else scores.table())
     return 0
+
+
+def _names(metrics: str) -> tuple[str, ...] | None:
+    """Names of the measures that are asked for; None is all of them."""
+    names = tuple(name.strip() for name in metrics.split(",") if name.strip())
+    if not names:
+        raise InputError("--metrics names no measure; pass all, or names with commas between")
+    return None if names == ("all",) else names
 
 
 def check_command(

@@ -1,34 +1,61 @@
 """How good an estimate is: the error measures of the HCI 4D benchmark."""
 
+from occjax.evaluation.benchmark import SceneScores, evaluate_scene, metric_names
 from occjax.evaluation.files import evaluate_files, read_disparity
 from occjax.evaluation.metrics import (
     BORDER,
     THRESHOLDS,
     Metrics,
     bad_pix,
+    compared_pixels,
     evaluate,
     mean_squared_error,
     q25,
 )
+from occjax.evaluation.normals import angular_errors, surface_normals, surface_points
 from occjax.evaluation.published import (
     average,
     printed_average,
     published_methods,
     published_scores,
 )
+from occjax.evaluation.regions import (
+    bumpiness,
+    fattening,
+    foreground_fattening,
+    foreground_thinning,
+    missed_dots,
+    thinning,
+)
+from occjax.evaluation.scene_files import is_scene, read_mask
 
 __all__ = [
     "BORDER",
     "THRESHOLDS",
     "Metrics",
+    "SceneScores",
+    "angular_errors",
     "average",
     "bad_pix",
+    "bumpiness",
+    "compared_pixels",
     "evaluate",
     "evaluate_files",
+    "evaluate_scene",
+    "fattening",
+    "foreground_fattening",
+    "foreground_thinning",
+    "is_scene",
     "mean_squared_error",
+    "metric_names",
+    "missed_dots",
     "printed_average",
     "published_methods",
     "published_scores",
     "q25",
     "read_disparity",
+    "read_mask",
+    "surface_normals",
+    "surface_points",
+    "thinning",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, THRESHOLDS, Metrics, evaluate
+from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
 from occjax.io.files import reading
 from occjax.io.pfm import read_pfm
 
@@ -24,7 +25,8 @@ def evaluate_files(
     Args:
         estimate_path: Estimated disparity ``[H, W]``, pixels per view step: a PFM or NPY file, or
             a folder of results.
-        ground_truth_path: True disparity ``[H, W]``, likewise.
+        ground_truth_path: True disparity ``[H, W]``: a PFM or NPY file, a folder of results, or the
+            folder of a scene with ``gt_disp_lowres.pfm``.
         thresholds: Thresholds of BadPix, pixels per view step.
         border: Pixels left out at each side of the image.
 
@@ -36,6 +38,8 @@ def evaluate_files(
             message names the files.
     """
     estimate = read_disparity(estimate_path)
+    if is_scene(ground_truth_path):
+        ground_truth_path = Path(ground_truth_path) / GROUND_TRUTH
     ground_truth = read_disparity(ground_truth_path)
     try:
         return evaluate(estimate, ground_truth, thresholds=thresholds, border=border)

@@ -164,10 +164,33 @@ def q25(
     return _first_quartile(_absolute_errors(estimate, ground_truth, border, mask))
 
 
-def _absolute_errors(
-    estimate: np.ndarray, ground_truth: np.ndarray, border: int, mask: np.ndarray | None
+def compared_pixels(
+    estimate: np.ndarray,
+    ground_truth: np.ndarray,
+    *,
+    border: int = BORDER,
+    mask: np.ndarray | None = None,
 ) -> np.ndarray:
-    """``[N]`` absolute errors of the pixels to compare; infinite where there is no estimate."""
+    """Which pixels are compared: within the border and the mask, where the truth is known.
+
+    Args:
+        estimate: ``[H, W]`` estimated disparity.
+        ground_truth: ``[H, W]`` true disparity.
+        border: Pixels left out at each side of the image.
+        mask: ``[H, W]`` of booleans: True where to compare. None compares everywhere.
+
+    Returns:
+        ``[H, W]`` of booleans, at least one of them True.
+
+    Raises:
+        InputError: If the sizes differ, the border is negative, or nothing is left to compare.
+
+    Example:
+        >>> compared_pixels(np.zeros((3, 4)), np.zeros((3, 4)), border=1).astype(int)
+        array([[0, 0, 0, 0],
+               [0, 1, 1, 0],
+               [0, 0, 0, 0]])
+    """
     estimate, ground_truth = np.asarray(estimate), np.asarray(ground_truth)
     if ground_truth.ndim != 2:
         raise InputError(
@@ -191,17 +214,25 @@ def _absolute_errors(
             f"maps of {h}x{w} have nothing inside a border of {border} pixels; "
             "pass a smaller border"
         )
-    compared = np.isfinite(ground_truth)
+    inside = np.s_[border : h - border, border : w - border]
+    compared = np.zeros((h, w), bool)
+    compared[inside] = np.isfinite(ground_truth[inside])
     if mask is not None:
         compared &= np.asarray(mask, bool)
-    inside = np.s_[border : h - border, border : w - border]
-    compared = compared[inside]
     if not compared.any():
         raise InputError(
             "no pixel to compare: all are masked or without finite ground truth; check the mask"
         )
-    estimated = estimate[inside][compared].astype(np.float64)
-    true = ground_truth[inside][compared].astype(np.float64)
+    return compared
+
+
+def _absolute_errors(
+    estimate: np.ndarray, ground_truth: np.ndarray, border: int, mask: np.ndarray | None
+) -> np.ndarray:
+    """``[N]`` absolute errors of the pixels to compare; infinite where there is no estimate."""
+    compared = compared_pixels(estimate, ground_truth, border=border, mask=mask)
+    estimated = np.asarray(estimate)[compared].astype(np.float64)
+    true = np.asarray(ground_truth)[compared].astype(np.float64)
     present = np.isfinite(estimated)
     if not present.any():
         raise InputError("the estimate has no finite value where it is compared; estimate it again")

@@ -8,6 +8,7 @@ from occjax.viz.figures import (
     error_figure,
     occlusion_figure,
 )
+from occjax.viz.methods import pairwise_figure, radar_figure
 
 __all__ = [
     "comparison_figure",
@@ -15,5 +16,7 @@ __all__ = [
     "disparity_figure",
     "error_figure",
     "occlusion_figure",
+    "pairwise_figure",
+    "radar_figure",
     "save",
 ]

@@ -47,8 +47,10 @@ class Canvas:
         )
         FigureCanvasAgg(self.figure)
 
-    def axes(self, left: int, top: int, width: int, height: int) -> Axes:
-        """Empty axes in a rectangle."""
+    def axes(
+        self, left: int, top: int, width: int, height: int, *, projection: str | None = None
+    ) -> Axes:
+        """Empty axes in a rectangle, ``polar`` ones if asked for."""
         total_width, total_height = self.size
         return self.figure.add_axes(
             (
@@ -56,7 +58,8 @@ class Canvas:
                 1.0 - (top + height) / total_height,
                 width / total_width,
                 height / total_height,
-            )
+            ),
+            projection=projection,
         )
 
     def image(

@@ -45,6 +45,14 @@ def error_colours(threshold: float, limit: float) -> Colormap:
     return LinearSegmentedColormap.from_list("error", colours, N=1001).with_extremes(bad=NO_VALUE)
 
 
+def better_colours() -> Colormap:
+    """Purple where the first of two is better, orange where the second is, white in between.
+
+    Not the colours of errors, so that "better" is not taken for "nearer".
+    """
+    return colormaps["PuOr_r"].with_extremes(bad=NO_VALUE)
+
+
 def limits(*maps: np.ndarray) -> Normalize:
     """The common range of the finite values of all maps.
 

@@ -91,10 +91,10 @@ def error_figure(
         bad: Error above which a pixel is bad.
         border: Width of the border that the score leaves out; a thin line marks it.
     """
-    norm, colours, ticks = _error_scale(bad)
-    picture = _error_picture(disparity, ground_truth, norm, colours)
+    norm, colours, ticks = error_scale(bad)
+    picture = error_picture(disparity, ground_truth, norm, colours)
     canvas, axes = map_canvas(picture, norm, colours, title=title, label=ERROR_LABEL, ticks=ticks)
-    _mark_border(axes, disparity.shape, border)
+    mark_border(axes, disparity.shape, border)
     return canvas.figure
 
 
@@ -187,11 +187,11 @@ def comparison_figure(
     canvas.bar(norm, colours, DISPARITY_LABEL, bar, cut=cut)
 
     if ground_truth is not None:
-        norm, colours, ticks = _error_scale(bad)
+        norm, colours, ticks = error_scale(bad)
         canvas.title(f"Error   {score}".rstrip(), lefts[3])
-        errors = _error_picture(disparity, ground_truth, norm, colours)
+        errors = error_picture(disparity, ground_truth, norm, colours)
         axes = canvas.image(errors, lefts[3], top, zoom)
-        _mark_border(axes, disparity.shape, border // step)
+        mark_border(axes, disparity.shape, border // step)
         bar = (lefts[3], bar_top, panel, 12)
         canvas.bar(norm, colours, "estimate - ground truth", bar, ticks=ticks[1:-1])
     return canvas.figure
@@ -202,14 +202,14 @@ def _missing_note(values: np.ndarray) -> str:
     return "" if np.isfinite(values).all() else "   (grey: no value)"
 
 
-def _error_scale(bad: float) -> tuple[Normalize, Colormap, list[float]]:
+def error_scale(bad: float) -> tuple[Normalize, Colormap, list[float]]:
     """Range, colours and ticks of an error map: three times the error that is just not bad."""
     limit = 3.0 * bad
     ticks = [-limit, -bad, 0.0, bad, limit]
     return Normalize(-limit, limit), error_colours(bad, limit), ticks
 
 
-def _error_picture(
+def error_picture(
     disparity: np.ndarray, ground_truth: np.ndarray, norm: Normalize, colours: Colormap
 ) -> np.ndarray:
     """``[H, W, 3]`` colours of the errors; no estimate and no truth look different."""
@@ -222,7 +222,7 @@ def _error_picture(
     return picture
 
 
-def _mark_border(axes: Axes, size: tuple[int, int], border: int) -> None:
+def mark_border(axes: Axes, size: tuple[int, int], border: int) -> None:
     """A thin line around the pixels that count."""
     height, width = size
     if border > 0 and min(size) > 2 * border:

@@ -1,0 +1,214 @@
+"""Pictures that compare methods: by their scores, and pixel by pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from occjax.errors import InputError
+from occjax.viz.canvas import MARGIN, TEXT, TITLE_HEIGHT, Canvas, whole_zoom
+from occjax.viz.colour import better_colours
+from occjax.viz.figures import BAD, error_picture, error_scale, mark_border
+
+EQUAL = 0.01
+"""Two errors that differ by at most this, in pixels per view step, count as equally good."""
+
+METHOD_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222")
+"""Of Okabe and Ito, which people with any colour vision tell apart."""
+
+METHOD_LINES = ("-", "--", ":")
+"""After all colours have been used they begin again with the next of these."""
+
+LARGEST = 600
+"""Longer side of a map, in pixels, beyond which it is shown smaller."""
+
+RADAR = 430
+"""Diameter of a radar chart."""
+RADAR_LABELS = 190
+"""Room for the names of the measures on either side."""
+
+
+def radar_figure(
+    scores: Mapping[str, Mapping[str, float]], *, title: str = "Scores: inside is better"
+) -> Figure:
+    """Scores of several methods, one spoke a measure: the smaller the shape, the better.
+
+    The centre is 0. The end of a spoke, whose value is printed there, is the worst of the methods.
+    Shapes can be compared along each spoke, but their areas mean nothing.
+
+    Args:
+        scores: By method, by measure; lower is better and 0 the best. Measures that not all methods
+            have are left out.
+        title: Line above the chart.
+
+    Raises:
+        InputError: If there is no method, or fewer than three measures that all have.
+    """
+    if not scores:
+        raise InputError("there is no method to draw a radar chart of")
+    common = [
+        name
+        for name in next(iter(scores.values()))
+        if all(np.isfinite(values.get(name, np.nan)) for values in scores.values())
+    ]
+    if len(common) < 3:
+        raise InputError(
+            f"a radar chart needs three measures that all methods have, not {len(common)}"
+        )
+    table = np.array([[values[name] for name in common] for values in scores.values()])
+    worst = table.max(axis=0)
+    shapes = table / np.where(worst > 0.0, worst, 1.0)
+
+    top = MARGIN + TITLE_HEIGHT + 40
+    legend = 24 * len(scores) + 10
+    canvas = Canvas(RADAR + 2 * RADAR_LABELS, top + RADAR + 50 + legend)
+    canvas.title(title, MARGIN)
+    axes = canvas.axes(RADAR_LABELS, top, RADAR, RADAR, projection="polar")
+    angles = 2.0 * np.pi * np.arange(len(common)) / len(common)
+    for number, (method, shape) in enumerate(zip(scores, shapes, strict=True)):
+        repeats, colour = divmod(number, len(METHOD_COLOURS))
+        axes.plot(
+            np.append(angles, angles[0]),
+            np.append(shape, shape[0]),
+            color=METHOD_COLOURS[colour],
+            linestyle=METHOD_LINES[repeats % len(METHOD_LINES)],
+            marker="o",
+            markersize=4,
+            linewidth=1.6,
+            label=method,
+            clip_on=False,
+        )
+    # Clockwise from the top, as one reads.
+    axes.set_theta_zero_location("N")  # type: ignore[attr-defined]
+    axes.set_theta_direction(-1)  # type: ignore[attr-defined]
+    axes.set_ylim(0.0, 1.0)
+    axes.set_yticks([0.25, 0.5, 0.75, 1.0], labels=[])
+    axes.set_xticks(angles, labels=[])
+    axes.grid(color="#d5d5d5", linewidth=0.7)
+    axes.spines["polar"].set_visible(False)
+    for angle, name, value in zip(angles, common, worst, strict=True):
+        side, height = np.sin(angle), np.cos(angle)
+        axes.text(
+            angle,
+            1.06,
+            f"{name.replace('_', ' ')}\n{value:.3g}",
+            fontsize=8.5,
+            color=TEXT,
+            ha="center" if abs(side) < 0.1 else "left" if side > 0 else "right",
+            va="bottom" if height > 0.9 else "top" if height < -0.9 else "center",
+        )
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -50 / RADAR), frameon=False, fontsize=9.5)
+    return canvas.figure
+
+
+def pairwise_figure(
+    first: np.ndarray,
+    second: np.ndarray,
+    ground_truth: np.ndarray,
+    *,
+    names: tuple[str, str] = ("first", "second"),
+    bad: float = BAD,
+    border: int = 0,
+) -> Figure:
+    """Where one estimate is better than another: both errors, and the difference of their sizes.
+
+    Purple is where the first is closer to the truth, orange where the second is. A pixel that only
+    one of them has an estimate for goes to that one. Grey has no ground truth or no estimate at
+    all. The shares above the map are of the pixels within the border whose errors differ by more
+    than 0.01. Maps beyond 600 pixels are shown smaller.
+
+    Args:
+        first: ``[H, W]`` estimate, pixels per view step.
+        second: ``[H, W]`` another estimate.
+        ground_truth: ``[H, W]`` true disparity.
+        names: Of the two.
+        bad: Error above which a pixel is bad; the colours end at three times of it.
+        border: Pixels at each side that the shares leave out; a thin line marks them.
+
+    Raises:
+        InputError: If the maps differ in size.
+    """
+    if not first.shape == second.shape == ground_truth.shape:
+        raise InputError(
+            f"the maps are {list(first.shape)}, {list(second.shape)} and "
+            f"{list(ground_truth.shape)}; compare maps of one size"
+        )
+    difference = error_difference(first, second, ground_truth)
+    shares = _shares(difference, names, border)
+    step = -(-max(difference.shape) // LARGEST)
+    # Errors are picked, not averaged: those of thin things would vanish.
+    picked = (one[::step, ::step] for one in (first, second, ground_truth, difference))
+    first, second, ground_truth, difference = picked
+    norm, colours, ticks = error_scale(bad)
+    height, width = difference.shape
+    zoom = whole_zoom((height, width))
+    panel, gap, bar_room = max(width * zoom, 300), 14, 58
+    top = MARGIN + TITLE_HEIGHT
+    canvas = Canvas(3 * (panel + gap) - gap + 2 * MARGIN, top + height * zoom + bar_room + MARGIN)
+    lefts = [MARGIN + number * (panel + gap) for number in range(3)]
+    bar_top = top + height * zoom + 10
+
+    for left, name, estimate in zip(lefts[:2], names, (first, second), strict=True):
+        canvas.title(f"Error of {name}", left)
+        axes = canvas.image(error_picture(estimate, ground_truth, norm, colours), left, top, zoom)
+        mark_border(axes, (height, width), border // step)
+    bar = (lefts[0] + 8, bar_top, 2 * panel + gap - 16, 12)
+    canvas.bar(norm, colours, "estimate - ground truth", bar, ticks=ticks)
+
+    better = Normalize(-3.0 * bad, 3.0 * bad)
+    canvas.title(shares, lefts[2])
+    axes = canvas.image(
+        np.ma.masked_invalid(np.clip(difference, better.vmin, better.vmax)),
+        lefts[2],
+        top,
+        zoom,
+        colours=better_colours(),
+        norm=better,
+    )
+    mark_border(axes, (height, width), border // step)
+    bar = (lefts[2] + 8, bar_top, panel - 16, 12)
+    label = f"|error of {names[0]}| - |error of {names[1]}|"
+    canvas.bar(better, better_colours(), label, bar, ticks=[ticks[0], 0.0, ticks[-1]], cut="both")
+    return canvas.figure
+
+
+def error_difference(first: np.ndarray, second: np.ndarray, ground_truth: np.ndarray) -> np.ndarray:
+    """How much larger the error of one estimate is than that of another.
+
+    Args:
+        first: ``[H, W]`` estimate, pixels per view step.
+        second: ``[H, W]`` another estimate.
+        ground_truth: ``[H, W]`` true disparity.
+
+    Returns:
+        ``[H, W]`` size of the first error minus that of the second: negative where the first is
+        better. Infinite where only one has an estimate; NaN where none has, or without truth.
+
+    Example:
+        >>> first, second = np.array([[0.1, np.nan]]), np.array([[-0.3, 0.2]])
+        >>> error_difference(first, second, np.zeros((1, 2))).round(3).tolist()
+        [[-0.2, inf]]
+    """
+    known = np.isfinite(ground_truth)
+    truth = np.where(known, ground_truth, 0.0)
+    first_size, second_size = (
+        np.where(np.isfinite(one), np.abs(np.where(np.isfinite(one), one, 0.0) - truth), np.inf)
+        for one in (first, second)
+    )
+    known &= np.isfinite(first_size) | np.isfinite(second_size)
+    nothing = np.full(known.shape, np.nan)
+    return np.subtract(first_size, second_size, out=nothing, where=known)
+
+
+def _shares(difference: np.ndarray, names: tuple[str, str], border: int) -> str:
+    """In how many pixels each is better, in words."""
+    h, w = difference.shape
+    inside = difference[border : max(h - border, border), border : max(w - border, border)]
+    values = inside[~np.isnan(inside)]
+    if not values.size:
+        return "No pixel to compare"
+    first, second = (np.mean(sign * values > EQUAL) for sign in (-1.0, 1.0))
+    return f"Better: {names[0]} {first:.1%}, {names[1]} {second:.1%}"

@@ -1,0 +1,49 @@
+"""Two estimates of a small scene whose scores are known."""
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from experiments import compare_methods
+from occjax.errors import InputError
+from occjax.io import write_pfm
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A scene, a perfect estimate and one that is wrong in half of the discontinuities."""
+    scene = tmp_path / "small"
+    scene.mkdir()
+    truth = np.zeros((40, 40), np.float32)
+    write_pfm(scene / "gt_disp_lowres.pfm", truth)
+    mask = np.zeros(truth.shape, np.uint8)
+    mask[18:20, 18:22] = 255
+    imageio.imwrite(scene / "mask_discontinuities_lowres.png", mask)
+    write_pfm(tmp_path / "perfect.pfm", truth)
+    truth[18] += 1.0
+    write_pfm(tmp_path / "wrong.pfm", truth)
+    return scene, (f"wrong={tmp_path / 'wrong.pfm'}", f"perfect={tmp_path / 'perfect.pfm'}")
+
+
+def test_the_table_and_the_pictures_are_written(files, tmp_path, capsys):
+    scene, estimates = files
+    scores = compare_methods.run(scene, estimates, tmp_path / "out")
+    assert scores["wrong"].values["discontinuities"] == 50.0
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"scores.md", "radar.png", "wrong_against_perfect.png"}
+    table = (tmp_path / "out/scores.md").read_text()
+    assert table == capsys.readouterr().out
+    assert "| measure | wrong | perfect |\n" in table
+    assert "| discontinuities | 50.000 | 0.000 |\n" in table
+    assert "runtime" not in table  # neither has one
+
+
+@pytest.mark.parametrize("estimate", ["a", "a=", "=a.pfm", "a/b=c.pfm"])
+def test_an_estimate_needs_a_name_that_fits_a_file(estimate):
+    with pytest.raises(InputError, match="is not NAME=ESTIMATE"):
+        compare_methods.named((estimate,))
+
+
+def test_names_are_given_once():
+    with pytest.raises(InputError, match="two estimates"):
+        compare_methods.named(("a=b.pfm", "a=c.pfm"))

@@ -1,0 +1,116 @@
+"""Comparisons of methods: shapes hold the scores, colours say which of two is better."""
+
+import io
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+from matplotlib import colormaps
+
+from occjax.errors import InputError
+from occjax.viz import pairwise_figure, radar_figure
+from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
+from occjax.viz.methods import error_difference
+
+SCORES = {
+    "one": {"mse": 1.0, "runtime": 3.0, "bad": 0.0, "perfect": 0.0},
+    "two": {"bad": 8.0, "mse": 4.0, "runtime": 2.0, "perfect": 0.0, "alone": 9.0},
+}
+
+
+def words(figure):
+    axes = figure.axes[0]
+    return [text.get_text() for text in (*figure.texts, *axes.texts)]
+
+
+def test_the_radius_is_the_share_of_the_worst_score():
+    axes = radar_figure(SCORES).axes[0]
+    shapes = {line.get_label(): line.get_ydata() for line in axes.lines}
+    # The first point once more at the end closes the shape.
+    assert shapes["one"].tolist() == [0.25, 1.0, 0.0, 0.0, 0.25]
+    assert shapes["two"].tolist() == pytest.approx([1.0, 2 / 3, 1.0, 0.0, 1.0])
+    angles = axes.lines[0].get_xdata()
+    np.testing.assert_allclose(angles, [0.0, np.pi / 2, np.pi, 3 * np.pi / 2, 0.0])
+
+
+def test_spokes_are_named_with_the_worst_score_and_only_common_ones_are_there():
+    shown = words(radar_figure(SCORES, title="Scene"))
+    assert shown == ["Scene", "mse\n4", "runtime\n3", "bad\n8", "perfect\n0"]
+
+
+def test_a_score_that_is_not_finite_is_not_common():
+    scores = {**SCORES, "three": {"mse": np.nan, "runtime": 1.0, "bad": 1.0, "perfect": 1.0}}
+    assert "mse\n4" not in words(radar_figure(scores))
+
+
+def test_many_methods_are_told_apart():
+    lines = radar_figure({f"{n}": SCORES["one"] for n in range(12)}).axes[0].lines
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 12
+
+
+@pytest.mark.parametrize(
+    ("scores", "message"),
+    [({}, "no method"), ({"one": {"a": 1.0, "b": 1.0}}, "three measures that all")],
+)
+def test_a_radar_needs_something_to_show(scores, message):
+    with pytest.raises(InputError, match=message):
+        radar_figure(scores)
+
+
+def example():
+    """Columns: equal, first better, second better, only first, only second, none, no truth."""
+    nan = np.nan
+    truth = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, nan]])
+    first = np.array([[0.1, 0.0, -0.3, 1.0, nan, nan, 0.0]])
+    second = np.array([[-0.1, 0.2, 0.1, nan, 1.0, nan, 0.0]])
+    return tuple(np.repeat(one, 6, axis=0) for one in (first, second, truth))
+
+
+def test_the_difference_of_the_errors_has_the_sign_of_the_worse():
+    expected = [0.0, -0.2, 0.2, -np.inf, np.inf, np.nan, np.nan]
+    difference = error_difference(*example())
+    np.testing.assert_allclose(difference, np.tile(expected, (6, 1)), atol=1e-12)
+
+
+def test_purple_is_the_first_and_orange_the_second():
+    figure = pairwise_figure(*example(), names=("a", "b"))
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    image = imageio.imread(buffer.getvalue())[..., :3].astype(int)
+    zoom = whole_zoom((6, 7))
+    panel = max(7 * zoom, 300)
+    middles = MARGIN + 2 * (panel + 14) + zoom // 2 + zoom * np.arange(7)
+    shown = image[MARGIN + TITLE_HEIGHT + zoom // 2, middles]
+    scale = colormaps["PuOr_r"]
+    middle, purple, orange = (np.array(scale(v, bytes=True)[:3], int) for v in (0.5, 0.0, 1.0))
+    grey = [0x8A] * 3
+    # The colours end at 0.21: a difference of 0.2 is almost there.
+    part = np.array(scale(0.5 + 0.5 * 0.2 / 0.21, bytes=True)[:3], int)
+    assert purple[2] > purple[1]
+    assert orange[0] > orange[2]
+    for place, colour in ((0, middle), (2, part), (3, purple), (4, orange), (5, grey), (6, grey)):
+        np.testing.assert_allclose(shown[place], colour, atol=2)
+
+
+def test_shares_are_of_the_pixels_that_can_be_compared_within_the_border():
+    first, second, truth = example()
+    title = words(pairwise_figure(first, second, truth, names=("a", "b")))[2]
+    assert title == "Better: a 40.0%, b 40.0%"
+    title = words(pairwise_figure(first, second, truth, names=("a", "b"), border=2))[2]
+    assert title == "Better: a 33.3%, b 66.7%"  # columns 2 to 4
+    slightly = words(pairwise_figure(truth, truth + 0.009, np.zeros_like(truth)))[2]
+    assert slightly == "Better: first 0.0%, second 0.0%"
+
+
+def test_large_maps_are_shown_smaller_but_counted_whole():
+    truth = np.zeros((30, 1300))
+    first = truth.copy()
+    first[:, 1] = 1.0  # a column that is not shown
+    figure = pairwise_figure(first, truth, truth)
+    assert words(figure)[2] == "Better: first 0.0%, second 0.1%"
+    assert figure.get_size_inches()[0] * 100 < 3 * 600
+
+
+def test_maps_of_different_sizes_are_refused():
+    with pytest.raises(InputError, match="compare maps of one size"):
+        pairwise_figure(np.zeros((3, 4)), np.zeros((3, 4)), np.zeros((3, 5)))
