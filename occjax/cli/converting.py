@@ -13,6 +13,7 @@ from occjax.cli.options import Stored, option
 from occjax.errors import InputError
 from occjax.inference.conversion import convert_map, normals, point_cloud, write_points
 from occjax.io import Map, read_map, write_map, write_normals
+from occjax.io.files import reading
 from occjax.io.hci_config import read_hci_config
 from occjax.io.maps import UNITS, Quantity
 from occjax.lightfield import Calibration
@@ -28,6 +29,12 @@ SUFFIXES: dict[Goal, tuple[str, ...]] = {
     "points": (".ply",),
 }
 """Endings of the files that each of them is written to."""
+
+NAMES: dict[str, Goal] = {"depth": "depth", "disp": "disparity", "normal": "normals"}
+"""What a file of such a name is expected to hold."""
+
+RELIEF = ("points", "disparity")
+"""What can be made, and of what, without a camera."""
 
 
 def convert_command(
@@ -117,15 +124,9 @@ def convert_command(
     _check_target(source, target, to, picture=picture, overwrite=overwrite)
     content = read_map(source, quantity=from_, scale=scale, offset=offset)
     goal: Goal = to or ("points" if target.suffix.lower() == ".ply" else content.quantity)
-    if picture and goal not in UNITS:
-        raise InputError(f"{goal} have no picture with a colour bar; leave out --picture")
+    _check_goal(target, to, goal, picture=picture)
     print(f"{source}: {_description(content)}")
-    camera = None if goal == content.quantity else _camera(source, scene, parameters, content)
-    if camera is None and goal != content.quantity and (goal, content.quantity) != _RELIEF:
-        raise InputError(
-            f"{source}: {goal} of {content.quantity} need the camera, and no parameters.cfg is "
-            "beside the map; pass --parameters FILE, or --scene SCENE that has one"
-        )
+    camera = _camera(source, content, goal, scene, parameters)
     if goal == "points":
         centre = None if scene is None else stored.load(scene, check_orientation=False).centre
         print(f"{target}: {_write_points(target, content, camera, centre)}")
@@ -137,10 +138,6 @@ def convert_command(
         made = content if camera is None else convert_map(content, goal, camera)
         print(f"{target}: {_write_map(target, made, picture=picture)}")
     return 0
-
-
-_RELIEF = ("points", "disparity")
-"""What can be made without a camera."""
 
 
 def _check_target(
@@ -159,29 +156,58 @@ def _check_target(
         )
     if picture and suffix != ".png":
         raise InputError(f"{target}: a picture is a .png; end the name so or leave out --picture")
-    if target.is_dir():
+    with reading(target):
+        present, folder = target.exists(), target.is_dir()
+        itself = present and source.exists() and target.samefile(source)
+    if folder:
         raise InputError(f"{target}: is a folder; name the file to write in it")
-    if target.exists() and source.exists() and target.samefile(source):
+    if itself:
         raise InputError(f"{target}: is the map itself; choose another name for what is made of it")
-    if target.exists() and not overwrite:
+    if present and not overwrite:
         raise InputError(f"{target}: is there already; choose another name or pass --overwrite")
 
 
+def _check_goal(target: Path, to: Goal | None, goal: Goal, *, picture: bool) -> None:
+    """What would surprise whoever reads the target."""
+    if picture and goal == "normals":
+        raise InputError(f"{target}: normals are a picture as they are; leave out --picture")
+    named = [holds for word, holds in NAMES.items() if word in target.stem.lower()]
+    if to is None and goal != "points" and named and goal not in named:
+        raise InputError(
+            f"{target}: its name says {named[0]}, but {goal} would be written to it; pass "
+            f"--to {named[0]}, or choose another name"
+        )
+
+
 def _camera(
-    source: Path, scene: Path | None, parameters: Path | None, content: Map
+    source: Path, content: Map, goal: Goal, scene: Path | None, parameters: Path | None
 ) -> Calibration | None:
-    """The camera that was named, that of the scene, or the one beside the map, in that order."""
+    """The camera, where one is needed: as named, of the scene, or beside the map, in that order."""
+    if goal == content.quantity:
+        if parameters is None and scene is None:
+            return None
+        raise InputError(
+            f"{source}: holds {goal}, and to write the same no camera is needed; pass what to make "
+            "of it (--to), or leave out --parameters and --scene"
+        )
     beside = source if source.is_dir() else source.parent
     places = [folder / "parameters.cfg" for folder in (scene, beside) if folder is not None]
     path = parameters or next((place for place in places if place.is_file()), None)
     if path is None:
-        return None
-    if path.is_dir():
-        path = path / "parameters.cfg"
+        if (goal, content.quantity) == RELIEF:
+            return None
+        without = "none is beside the map" if scene is None else f"{scene} has none"
+        raise InputError(
+            f"{source}: {goal} cannot be made of {content.quantity} without the camera; pass "
+            f"--parameters FILE, or --scene SCENE that has a parameters.cfg ({without})"
+        )
+    path = path / "parameters.cfg" if path.is_dir() else path
     config = read_hci_config(path)
-    if config.image_size not in (None, content.values.shape):
-        expected = "x".join(map(str, cast(tuple[int, int], config.image_size)))
-        found = "x".join(map(str, content.values.shape))
+    print(f"camera: {path}")
+    if config.image_size is not None and config.image_size != content.values.shape:
+        expected, found = (
+            "x".join(map(str, size)) for size in (config.image_size, content.values.shape)
+        )
         warnings.warn(
             f"{path}: is for views of {expected} pixels (rows x columns), but the map has {found}; "
             "it is taken for the whole view at another resolution, not a part of it",
@@ -193,7 +219,7 @@ def _camera(
 def _write_map(target: Path, content: Map, *, picture: bool) -> str:
     """Write the map or its picture; returns what was written, in words."""
     if picture:
-        figure = {"disparity": disparity_figure, "depth": depth_figure}[content.quantity]
+        figure = depth_figure if content.quantity == "depth" else disparity_figure
         save(figure(content.values), target)
         return f"picture of {_description(content)}"
     precision = write_map(target, content)

@@ -30,12 +30,13 @@ def depth_from_disparity(
         disparity is at or below that of infinitely distant points; NaN where it is NaN.
 
     Example:
-        >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
-        >>> depth_from_disparity(jnp.array([[0.0, -5.0]]), camera).round(3).tolist()
-        [[7.0, inf]]
+        >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=4.0)
+        >>> depth_from_disparity(jnp.array([[0.0, -5.0]]), camera).tolist()
+        [[4.0, inf]]
     """
     disparity = jnp.asarray(disparity)
-    inverse = calibration.inverse_depth(disparity, disparity.shape)
+    height, width = disparity.shape
+    inverse = calibration.inverse_depth(disparity, (height, width))
     distant = inverse <= 0.0
     return jnp.where(distant, jnp.inf, 1.0 / jnp.where(distant, 1.0, inverse))
 
@@ -60,7 +61,8 @@ def disparity_from_depth(
     """
     depth = jnp.asarray(depth)
     possible = depth > 0.0
-    disparity = calibration.disparity(jnp.where(possible, depth, 1.0), depth.shape)
+    height, width = depth.shape
+    disparity = calibration.disparity(jnp.where(possible, depth, 1.0), (height, width))
     return jnp.where(possible, disparity, jnp.nan)
 
 
