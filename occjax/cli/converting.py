@@ -105,21 +105,19 @@ def convert_command(
     """Convert a map of disparity or depth: other formats, depth, normals, a point cloud.
 
     The format is that of FILE's ending:
-
     $ occjax convert disparity.pfm disparity.npy
     $ occjax convert disparity.pfm disparity.png (16 bits, which know their scale)
     $ occjax convert disparity.png again.pfm
     $ occjax convert disparity.pfm look.png --picture
 
     With the camera of an HCI scene, SCENE/parameters.cfg, also what the map says about space:
-
     $ occjax convert disparity.pfm depth.pfm --to depth --scene SCENE
     $ occjax convert depth.npy disparity.npy --to disparity --scene SCENE
     $ occjax convert disparity.pfm cloud.ply --scene SCENE
     $ occjax convert disparity.pfm normals.png --to normals --scene SCENE
 
-    Depth is in metres, disparity in pixels per view step. Coordinates are x to the right, y up and
-    z to the viewer.
+    Depth is in metres, disparity in pixels per view step. In space x is to the right, y up and z to
+    the viewer.
     """
     _check_target(source, target, to, picture=picture, overwrite=overwrite)
     content = read_map(source, quantity=from_, scale=scale, offset=offset)

@@ -15,8 +15,8 @@ from occjax.io.orientation import declared_orientation
 
 
 def evaluate_command(
-    estimate: Positional[Annotated[Path, arg(help="Disparity map, PFM or NPY.")]],
-    ground_truth: Positional[Annotated[Path, arg(help="True disparity, PFM or NPY.")]],
+    estimate: Positional[Annotated[Path, arg(help="Disparity map, PFM, NPY or PNG.")]],
+    ground_truth: Positional[Annotated[Path, arg(help="True disparity, PFM, NPY or PNG.")]],
     thresholds: Annotated[
         tuple[float, ...], arg(help="BadPix thresholds, in pixels per view step.")
     ] = THRESHOLDS,
