@@ -17,6 +17,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,11 +46,49 @@ class Calibration:
     baseline_mm: float
     focus_distance_m: float
 
+    def focal_length_pixels(self, image_size: tuple[int, int]) -> float:
+        """Focal length in pixels of views of ``(H, W)``: ``focal_length / sensor * max(H, W)``."""
+        return self.focal_length_mm / self.sensor_size_mm * max(image_size)
+
+    def inverse_depth(self, disparity: Any, image_size: tuple[int, int]) -> Any:
+        """``1 / depth`` in 1/m, in which disparity is linear: ``d / (f * b) + 1 / focus``.
+
+        ``f`` is the focal length in pixels and ``b`` the baseline. This is the formula of the HCI
+        4D benchmark, ``depth = beta * f_d / (d * f_d * sensor + beta)`` with
+        ``beta = baseline * focal_length * max(H, W)``, turned over.
+
+        Args:
+            disparity: NumPy or JAX array ``[...]``, pixels per view step.
+            image_size: ``(H, W)`` of the views, in pixels.
+
+        Returns:
+            ``[...]``; not positive at and beyond the disparity of infinitely distant points.
+        """
+        return disparity / self._parallax(image_size) + 1.0 / self.focus_distance_m
+
+    def disparity(self, depth: Any, image_size: tuple[int, int]) -> Any:
+        """Disparity of points at a depth: ``f * b * (1 / depth - 1 / focus)``.
+
+        Args:
+            depth: NumPy or JAX array ``[...]``, metres along the optical axis; positive, may be
+                infinite.
+            image_size: ``(H, W)`` of the views, in pixels.
+
+        Returns:
+            ``[...]`` pixels per view step; nearer points have larger ones.
+
+        Example:
+            >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
+            >>> camera.disparity(np.array([3.5, 7.0, np.inf]), (1, 3)).round(3).tolist()
+            [0.061, 0.0, -0.061]
+        """
+        return (1.0 / depth - 1.0 / self.focus_distance_m) * self._parallax(image_size)
+
     def depth(self, disparity: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
         """Metric depth of a disparity map, by the formula of the HCI 4D benchmark.
 
-        ``depth = beta * f_d / (d * f_d * sensor + beta)`` with
-        ``beta = baseline * focal_length * max(H, W)``, all lengths in millimetres.
+        The inverse of :meth:`disparity`; :func:`occjax.ops.depth_from_disparity` is the same in
+        JAX.
 
         Args:
             disparity: ``[...]``, pixels per view step.
@@ -59,12 +98,13 @@ class Calibration:
             ``[...]`` depth along the optical axis, in metres; infinite where the disparity is at or
             below that of infinitely distant points.
         """
-        focus_mm = self.focus_distance_m * 1000.0
-        beta = self.baseline_mm * self.focal_length_mm * max(image_size)
-        denominator = np.asarray(disparity, np.float64) * focus_mm * self.sensor_size_mm + beta
-        distant = denominator <= 0.0
-        depth_mm = beta * focus_mm / np.where(distant, 1.0, denominator)
-        return np.where(distant, np.inf, depth_mm / 1000.0)
+        inverse = self.inverse_depth(np.asarray(disparity, np.float64), image_size)
+        distant = inverse <= 0.0
+        return np.where(distant, np.inf, 1.0 / np.where(distant, 1.0, inverse))
+
+    def _parallax(self, image_size: tuple[int, int]) -> float:
+        """Disparity, in pixels per view step, between points at one metre and at infinity."""
+        return self.focal_length_pixels(image_size) * self.baseline_mm / 1000.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import platformdirs
 from tyro.extras import SubcommandApp
 
 import occjax
+from occjax.cli.converting import convert_command
 from occjax.cli.estimating import demo_command, estimate_command, show_warning
 from occjax.cli.measuring import check_command, evaluate_command
 from occjax.cli.pooling import pool_command
@@ -28,12 +29,19 @@ def _app(arguments: list[str]) -> SubcommandApp:
     app.command(name="estimate")(estimate_command)
     app.command(name="evaluate")(evaluate_command)
     app.command(name="check")(check_command)
+    app.command(name="convert", help=_convert_help(arguments))(convert_command)
     app.command(name="demo")(demo_command)
     app.command(weights, name="weights", help="Weights of the networks.")
     app.command(name="pool")(pool_command)
     app.command(name="train")(_train_command(arguments))
     app.command(name="render")(render_command)
     return app
+
+
+def _convert_help(arguments: list[str]) -> str | None:
+    """All of its docstring for itself, without the examples in the help on all commands."""
+    alone = arguments[:1] == ["convert"]
+    return None if alone else (convert_command.__doc__ or "").splitlines()[0]
 
 
 def _train_command(arguments: list[str]):

@@ -25,14 +25,14 @@ from occjax.io.orientation import declared_orientation
 
 def evaluate_command(
     estimate: Positional[
-        Annotated[Path, arg(help="Disparity map, PFM or NPY, or folder of results.")]
+        Annotated[Path, arg(help="Disparity map, PFM, NPY or PNG, or folder of results.")]
     ],
     ground_truth: Positional[
         Annotated[
             Path,
             arg(
-                help="True disparity, PFM or NPY, or the scene's folder (with gt_disp_lowres.pfm), "
-                "which may also come first."
+                help="True disparity, PFM, NPY or PNG, or the scene's folder (with "
+                "gt_disp_lowres.pfm), which may also come first."
             ),
         ]
     ],

@@ -9,8 +9,7 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, THRESHOLDS, Metrics, evaluate
 from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
-from occjax.io.files import reading
-from occjax.io.pfm import read_pfm
+from occjax.io.maps import read_map
 
 
 def evaluate_files(
@@ -23,9 +22,9 @@ def evaluate_files(
     """Every measure of the paper's tables for two files.
 
     Args:
-        estimate_path: Estimated disparity ``[H, W]``, pixels per view step: a PFM or NPY file, or
-            a folder of results.
-        ground_truth_path: True disparity ``[H, W]``: a PFM or NPY file, a folder of results, or the
+        estimate_path: Estimated disparity ``[H, W]``, pixels per view step: a PFM, NPY or PNG file
+            (:func:`occjax.io.read_map`), or a folder of results.
+        ground_truth_path: True disparity ``[H, W]``: such a file, a folder of results, or the
             folder of a scene with ``gt_disp_lowres.pfm``.
         thresholds: Thresholds of BadPix, pixels per view step.
         border: Pixels left out at each side of the image.
@@ -51,7 +50,8 @@ def read_disparity(path: Path | str) -> np.ndarray:
     """Read one disparity map.
 
     Args:
-        path: A ``.pfm`` or ``.npy`` file, or a folder of results, whose ``disparity.pfm`` is read.
+        path: A ``.pfm``, ``.npy`` or ``.png`` file (:func:`occjax.io.read_map`), or a folder of
+            results, whose ``disparity.pfm`` is read.
 
     Returns:
         ``[H, W]`` floating point, pixels per view step.
@@ -66,49 +66,4 @@ def read_disparity(path: Path | str) -> np.ndarray:
         >>> read_disparity(path).tolist()
         [[1.0, 2.0]]
     """
-    path = Path(path)
-    if path.is_dir():
-        path = _result_in(path)
-    readers = {".pfm": read_pfm, ".npy": _read_npy, ".npz": _refuse_npz}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise InputError(f"{path}: not a disparity map; pass a .pfm or .npy file")
-    disparity = reader(path)
-    if disparity.ndim != 2 or disparity.size == 0:
-        raise InputError(
-            f"{path}: holds {list(disparity.shape)}, not a disparity map [H, W]; pass one map"
-        )
-    return disparity
-
-
-def _result_in(folder: Path) -> Path:
-    """The disparity map that an estimate wrote to a folder."""
-    result = folder / "disparity.pfm"
-    if not result.is_file():
-        raise InputError(
-            f"{folder}: a folder without a disparity.pfm, so not one of results; "
-            "name a .pfm or .npy file"
-        )
-    return result
-
-
-def _read_npy(path: Path) -> np.ndarray:
-    try:
-        with reading(path):
-            array = np.load(path, allow_pickle=False)
-    except InputError:
-        raise
-    # A damaged header may ask for more than any memory.
-    except (ValueError, EOFError, MemoryError, OverflowError) as error:
-        raise InputError(f"{path}: not a complete NPY array of numbers; save it again") from error
-    if isinstance(array, np.ndarray) and np.issubdtype(array.dtype, np.integer):
-        return array.astype(np.float64)
-    if not (isinstance(array, np.ndarray) and np.issubdtype(array.dtype, np.floating)):
-        raise InputError(f"{path}: does not hold real numbers; save the disparities as float32")
-    return array
-
-
-def _refuse_npz(path: Path) -> np.ndarray:
-    raise InputError(
-        f"{path}: an archive of arrays; save the disparity map alone, as a .npy file (numpy.save)"
-    )
+    return read_map(path, quantity="disparity").values

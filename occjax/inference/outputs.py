@@ -24,12 +24,13 @@ from pathlib import Path
 import numpy as np
 
 from occjax.evaluation.metrics import BORDER, THRESHOLDS, Metrics, evaluate
+from occjax.inference.conversion import convert_map, point_cloud, write_points
 from occjax.inference.result import Estimate
 from occjax.inference.summary import summary
 from occjax.io.atomic import atomic_folder
+from occjax.io.maps import Map
 from occjax.io.pfm import write_pfm
-from occjax.io.ply import write_ply
-from occjax.lightfield import Calibration, LightField, to_unit_float
+from occjax.lightfield import LightField, to_unit_float
 from occjax.viz.canvas import save
 from occjax.viz.figures import (
     comparison_figure,
@@ -140,44 +141,6 @@ def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:
     return lit & ~(confidence < LEAST_CONFIDENCE)
 
 
-def back_project(
-    disparity: np.ndarray, calibration: Calibration | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where the pixels of the centre view are in space: x to the right, y up, z to the viewer.
-
-    With a calibration in metres from the centre camera, by the pinhole model and the depth formula
-    of the HCI benchmark: ``(X, Y, Z) = depth * ((x - x0) / f, (y0 - y) / f, -1)`` with
-    ``f = focal_length / sensor_size * max(H, W)`` pixels. Without one, a relief in pixels:
-    ``(x - x0, y0 - y, disparity * max(H, W) / 8)``; in front and behind are right, the depth's
-    scale is arbitrary.
-
-    Args:
-        disparity: ``[H, W]`` pixels per view step.
-        calibration: Camera parameters, if known.
-
-    Returns:
-        ``[H, W, 3]`` points, not finite where the disparity or the depth is not; and ``[H, W]``
-        whether each of them is finite.
-
-    Example:
-        >>> points, _ = back_project(np.array([[0.0, 0.5], [0.0, 0.0]]), None)
-        >>> points[0, 1].tolist()
-        [0.5, 0.5, 0.125]
-    """
-    height, width = disparity.shape
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    right, up = x - 0.5 * (width - 1), 0.5 * (height - 1) - y
-    if calibration is None:
-        relief = np.asarray(disparity, np.float64) * max(height, width) / 8.0
-        points = np.stack([right, up, relief], axis=-1)
-    else:
-        focal = calibration.focal_length_mm / calibration.sensor_size_mm * max(height, width)
-        depth = calibration.depth(disparity, (height, width))
-        depth = np.where(np.isfinite(depth), depth, np.nan)
-        points = np.stack([right / focal * depth, up / focal * depth, -depth], axis=-1)
-    return points, np.isfinite(points).all(axis=-1)
-
-
 def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray) -> list[str]:
     """What the files assume."""
     notes = []
@@ -216,20 +179,12 @@ def _write_geometry(
     disparity: np.ndarray, light_field: LightField, signal: np.ndarray, folder: Path
 ) -> None:
     """Depth of all pixels, and points of those with signal."""
-    calibration = light_field.calibration
+    content, calibration = Map(disparity, "disparity"), light_field.calibration
     if calibration is not None:
-        depth = calibration.depth(disparity, light_field.image_size)
+        depth = convert_map(content, "depth", calibration).values
         np.save(folder / "depth.npy", depth.astype(np.float32))
-    points, finite = back_project(disparity, calibration)
-    colours = np.floor(np.clip(to_unit_float(light_field.centre), 0.0, 1.0) * 255.0 + 0.5)
-    colours = np.broadcast_to(colours, points.shape).astype(np.uint8)
-    unit = (
-        "metres; x right, y up, z to the viewer; centre camera at the origin"
-        if calibration is not None
-        else "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
-    )
-    shown = finite & signal
-    write_ply(folder / "points.ply", points[shown], colours[shown], comment=unit)
+    cloud = point_cloud(content, calibration)
+    write_points(folder / "points.ply", cloud, centre=light_field.centre, shown=signal)
 
 
 def _write_comparison(

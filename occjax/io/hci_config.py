@@ -20,11 +20,13 @@ class HciConfig:
         calibration: Camera parameters.
         disparity_range: ``(minimum, maximum)`` in pixels per view step, if given.
         grid: ``(V, U)``, if given.
+        image_size: ``(H, W)`` of the views in pixels, if given.
     """
 
     calibration: Calibration
     disparity_range: tuple[float, float] | None
     grid: tuple[int, int] | None
+    image_size: tuple[int, int] | None = None
 
 
 def read_hci_config(path: str | Path) -> HciConfig:
@@ -75,12 +77,15 @@ def read_hci_config(path: str | Path) -> HciConfig:
             f"{path}: disp_min is {lowest:g} and disp_max is {highest:g} in [meta]; "
             "disp_min must be the lower one"
         )
-    rows = _count(path, parser, "num_cams_y")
-    columns = _count(path, parser, "num_cams_x")
+    rows = _count(path, parser, "extrinsics", "num_cams_y")
+    columns = _count(path, parser, "extrinsics", "num_cams_x")
+    height = _count(path, parser, "intrinsics", "image_resolution_y_px")
+    width = _count(path, parser, "intrinsics", "image_resolution_x_px")
     return HciConfig(
         calibration=calibration,
         disparity_range=None if lowest is None or highest is None else (lowest, highest),
         grid=None if rows is None or columns is None else (rows, columns),
+        image_size=None if height is None or width is None else (height, width),
     )
 
 
@@ -94,12 +99,12 @@ def _required(path: Path, parser: configparser.ConfigParser, section: str, field
     return number
 
 
-def _count(path: Path, parser: configparser.ConfigParser, field: str) -> int | None:
-    """A positive whole number of cameras, or None where the file does not have it."""
-    number = _number(path, parser, "extrinsics", field)
+def _count(path: Path, parser: configparser.ConfigParser, section: str, field: str) -> int | None:
+    """A positive whole number, of cameras or pixels, or None where the file does not have it."""
+    number = _number(path, parser, section, field)
     if number is not None and (number < 1 or number != int(number)):
         raise InputError(
-            f"{path}: {field} in [extrinsics] is {number:g}; it must be a positive whole number"
+            f"{path}: {field} in [{section}] is {number:g}; it must be a positive whole number"
         )
     return None if number is None else int(number)
 

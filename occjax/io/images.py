@@ -78,6 +78,25 @@ def read_image(path: str | Path) -> np.ndarray:
     return _without_alpha(path, image)
 
 
+def read_png_text(path: str | Path) -> dict[str, str]:
+    """What a PNG says about itself in its text chunks, by keyword; nothing for other images.
+
+    Args:
+        path: An image file.
+
+    Raises:
+        InputError: If the file cannot be read, is no image, or is damaged.
+    """
+    path = Path(path)
+    with reading(path):
+        data = path.read_bytes()
+    try:
+        with _any_size(), Image.open(io.BytesIO(data)) as image:
+            return {key: str(value) for key, value in getattr(image, "text", {}).items()}
+    except _DECODING_ERRORS as error:
+        raise InputError(f"{path}: its text cannot be decoded; copy the image again") from error
+
+
 def _decode(data: bytes) -> np.ndarray:
     """Pixels, by the decoder that keeps all their bits."""
     if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):

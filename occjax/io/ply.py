@@ -9,21 +9,19 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 
-VERTEX = np.dtype(
-    [(name, "<f4") for name in ("x", "y", "z")]
-    + [(name, "u1") for name in ("red", "green", "blue")]
-)
+PLACE = [(name, "<f4") for name in ("x", "y", "z")]
+COLOUR = [(name, "u1") for name in ("red", "green", "blue")]
 
 
 def write_ply(
-    path: str | Path, points: np.ndarray, colours: np.ndarray, *, comment: str = ""
+    path: str | Path, points: np.ndarray, colours: np.ndarray | None, *, comment: str = ""
 ) -> None:
-    r"""Write a coloured point cloud atomically, as binary little-endian PLY.
+    r"""Write a point cloud atomically, as binary little-endian PLY.
 
     Args:
         path: File to write; one that is there is replaced.
         points: ``[N, 3]`` coordinates x, y, z; stored as 32-bit floats.
-        colours: ``[N, 3]`` uint8 red, green, blue.
+        colours: ``[N, 3]`` uint8 red, green, blue; None for points without colour.
         comment: One line for the header, such as the unit.
 
     Raises:
@@ -36,25 +34,29 @@ def write_ply(
         >>> path.read_bytes().split(b"\n")[:4]
         [b'ply', b'format binary_little_endian 1.0', b'comment metres', b'element vertex 1']
     """
-    if points.ndim != 2 or points.shape[1] != 3 or colours.shape != points.shape:
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{path}: points must be [N, 3], not {list(points.shape)}")
+    if colours is not None and colours.shape != points.shape:
         raise InputError(
             f"{path}: points and colours must both be [N, 3], not {list(points.shape)} and "
             f"{list(colours.shape)}"
         )
-    if colours.dtype != np.uint8:
+    if colours is not None and colours.dtype != np.uint8:
         raise InputError(f"{path}: colours must be uint8, not {colours.dtype}; scale them to 0-255")
-    vertices = np.empty(len(points), VERTEX)
-    for axis, name in enumerate(("x", "y", "z")):
+    fields = PLACE if colours is None else PLACE + COLOUR
+    vertices = np.empty(len(points), fields)
+    for axis, (name, _) in enumerate(PLACE):
         vertices[name] = points[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        vertices[name] = colours[:, channel]
-    kinds = {"<f4": "float", "|u1": "uchar"}
+    if colours is not None:
+        for channel, (name, _) in enumerate(COLOUR):
+            vertices[name] = colours[:, channel]
+    kinds = {"<f4": "float", "u1": "uchar"}
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *([f"comment {comment}"] if comment else []),
         f"element vertex {len(points)}",
-        *(f"property {kinds[VERTEX[name].str]} {name}" for name in VERTEX.names or ()),
+        *(f"property {kinds[kind]} {name}" for name, kind in fields),
         "end_header\n",
     ]
     with atomic_path(path) as temporary:

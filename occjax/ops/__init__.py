@@ -5,10 +5,12 @@ signs are those of :mod:`occjax.lightfield`.
 """
 
 from occjax.ops.aperture import sector_of
+from occjax.ops.depth import back_project, depth_from_disparity, disparity_from_depth
 from occjax.ops.filtering import box_filter, central_differences, fit_planes, neighbours
 from occjax.ops.geometry import view_offsets
 from occjax.ops.matching import aperture_costs, sector_sums, semi_global
 from occjax.ops.noise import noise_level
+from occjax.ops.normals import surface_normals
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity
 from occjax.ops.regression import (
@@ -39,12 +41,15 @@ __all__ = [
     "Confidence",
     "SectorCosts",
     "aperture_costs",
+    "back_project",
     "box_filter",
     "central_differences",
     "cheapest",
     "coarse_volume",
     "concatenate",
     "confidence",
+    "depth_from_disparity",
+    "disparity_from_depth",
     "expected_disparity",
     "fit_planes",
     "geman_mcclure",
@@ -65,6 +70,7 @@ __all__ = [
     "semi_global",
     "shift",
     "soft_argmin",
+    "surface_normals",
     "view_offsets",
     "warp",
     "warp_views",

@@ -90,10 +90,7 @@ def write_ground_truth(folder: Path, config: RenderConfig) -> None:
 
 
 def disparity_from_depth(depth: np.ndarray, calibration: Calibration) -> np.ndarray:
-    """Disparity of points at a depth: the inverse of :meth:`Calibration.depth`.
-
-    ``d = f * b / sensor * max(H, W) * (1 / depth - 1 / focus)``: inverse depth, scaled by the
-    focal length in pixels and the baseline, and zero at the focus.
+    """Disparity of a depth map (:meth:`occjax.lightfield.Calibration.disparity`), for a file.
 
     Args:
         depth: ``[H, W]`` metres along the optical axis; may be infinite.
@@ -108,12 +105,8 @@ def disparity_from_depth(depth: np.ndarray, calibration: Calibration) -> np.ndar
         >>> [round(float(value), 3) for value in disparity[0]]
         [0.061, 0.0, -0.061]
     """
-    focal_length_pixels = (
-        calibration.focal_length_mm / calibration.sensor_size_mm * max(depth.shape)
-    )
-    baseline_m = calibration.baseline_mm / 1000.0
-    inverse = 1.0 / depth.astype(np.float64) - 1.0 / calibration.focus_distance_m
-    return (focal_length_pixels * baseline_m * inverse).astype(np.float32)
+    height, width = depth.shape
+    return calibration.disparity(depth.astype(np.float64), (height, width)).astype(np.float32)
 
 
 def masks(

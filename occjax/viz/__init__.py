@@ -4,6 +4,7 @@ from occjax.viz.canvas import save
 from occjax.viz.figures import (
     comparison_figure,
     confidence_figure,
+    depth_figure,
     disparity_figure,
     error_figure,
     occlusion_figure,
@@ -13,6 +14,7 @@ from occjax.viz.methods import pairwise_figure, radar_figure
 __all__ = [
     "comparison_figure",
     "confidence_figure",
+    "depth_figure",
     "disparity_figure",
     "error_figure",
     "occlusion_figure",

@@ -26,6 +26,7 @@ from occjax.viz.colour import (
 )
 
 DISPARITY_LABEL = "disparity [pixels per view step]"
+DEPTH_LABEL = "depth [metres]"
 ERROR_LABEL = "estimate - ground truth [pixels per view step]"
 
 BAD = 0.07
@@ -57,6 +58,21 @@ def disparity_figure(
     cut = cut_ends(norm, disparity)
     canvas, _ = map_canvas(disparity, norm, colours, title=title, label=DISPARITY_LABEL, cut=cut)
     return canvas.figure
+
+
+def depth_figure(depth: np.ndarray, *, title: str = "Depth") -> Figure:
+    """A depth map with its colour bar; near is yellow and far dark blue, as for disparity.
+
+    Args:
+        depth: ``[H, W]`` metres; where it is infinite the map is grey. A thousandth of the values
+            at each end does not stretch the range (:func:`occjax.viz.colour.disparity_limits`).
+        title: Line above the map.
+    """
+    norm = disparity_limits(depth, np.ones(depth.shape))
+    title += _missing_note(depth)
+    cut = cut_ends(norm, depth)
+    colours = disparity_colours().reversed().with_extremes(bad=NO_VALUE)
+    return map_canvas(depth, norm, colours, title=title, label=DEPTH_LABEL, cut=cut)[0].figure
 
 
 def confidence_figure(confidence: np.ndarray, *, title: str = "Confidence") -> Figure:

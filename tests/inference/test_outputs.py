@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.inference.outputs import back_project, write_outputs
+from occjax.inference.outputs import write_outputs
 from occjax.inference.result import Estimate
 from occjax.io.pfm import read_pfm
 from occjax.lightfield import Calibration, LightField
@@ -110,7 +110,7 @@ def test_a_failure_leaves_no_folder_behind(tmp_path, monkeypatch):
     def broken(*_args, **_options):
         raise RuntimeError("pulled the plug")
 
-    monkeypatch.setattr("occjax.inference.outputs.write_ply", broken)
+    monkeypatch.setattr("occjax.inference.conversion.write_ply", broken)
     with pytest.raises(RuntimeError, match="plug"):
         write_outputs(estimate(), light_field(), tmp_path / "ramp")
     assert list(tmp_path.iterdir()) == []
@@ -168,23 +168,6 @@ def test_a_folder_that_cannot_be_made_is_an_input_error(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="file"):
         write_outputs(estimate(), light_field(), tmp_path / "file" / "ramp")
-
-
-def test_calibrated_points_project_back_to_their_pixels_and_disparity():
-    points, finite = back_project(TRUTH, CALIBRATION)
-    assert finite.all()
-    focal = 100.0 / 35.0 * WIDTH
-    right, up, depth = points[..., 0], points[..., 1], -points[..., 2]
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    np.testing.assert_allclose(focal * right / depth + (WIDTH - 1) / 2, x, atol=1e-9)
-    np.testing.assert_allclose((HEIGHT - 1) / 2 - focal * up / depth, y, atol=1e-9)
-    # Parallax of a baseline of 0.07 m, less that of the plane in focus at 8 m.
-    np.testing.assert_allclose(focal * 0.07 * (1 / depth - 1 / 8.0), TRUTH, atol=1e-6)
-
-
-def test_points_without_calibration_are_nearer_where_disparity_is_larger():
-    points, _ = back_project(np.array([[0.0, 1.0]]), None)
-    assert points[0].tolist() == [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.25]]
 
 
 def test_points_at_infinity_and_without_disparity_are_left_out(tmp_path):

@@ -33,6 +33,13 @@ def test_points_and_colours_come_back(tmp_path):
     assert "comment metres" in lines
 
 
+def test_points_without_colour_have_none_in_the_file(tmp_path):
+    write_ply(tmp_path / "points.ply", POINTS, None)
+    vertices, _ = read_vertices(tmp_path / "points.ply")
+    assert vertices.dtype.names == ("x", "y", "z")
+    np.testing.assert_array_equal(vertices["y"], POINTS[:, 1].astype(np.float32))
+
+
 def test_no_points_make_a_valid_empty_file(tmp_path):
     write_ply(tmp_path / "empty.ply", np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
     assert len(read_vertices(tmp_path / "empty.ply")[0]) == 0
@@ -42,7 +49,8 @@ def test_no_points_make_a_valid_empty_file(tmp_path):
     ("points", "colours", "reason"),
     [
         (POINTS[:2], COLOURS, "both be"),
-        (POINTS[:, :2], COLOURS[:, :2], "both be"),
+        (POINTS[:, :2], COLOURS[:, :2], "points must be"),
+        (POINTS[0], None, "points must be"),
         (POINTS, COLOURS.astype(float), "uint8"),
     ],
 )

@@ -11,6 +11,7 @@ from matplotlib import colormaps
 from occjax.viz import (
     comparison_figure,
     confidence_figure,
+    depth_figure,
     disparity_figure,
     error_figure,
     occlusion_figure,
@@ -50,6 +51,23 @@ def test_confidence_colours_do_not_depend_on_the_range_of_the_map():
     image = shown_map(confidence_figure(np.full((8, 8), 0.25)), (8, 8))
     expected = np.array(colormaps["magma"](0.25, bytes=True)[:3], int)
     np.testing.assert_allclose(image.astype(int), np.broadcast_to(expected, image.shape), atol=1)
+
+
+def test_near_is_yellow_in_a_depth_map_too_and_what_is_infinitely_far_is_grey():
+    depth = 2.0 + RAMP.astype(np.float64)  # 1 to 4 metres
+    depth[0, 0] = np.inf
+    image = shown_map(depth_figure(depth), depth.shape).astype(int)
+    low, high = depth[0, 1], 4.0
+    expected = colormaps["viridis"]((high - depth) / (high - low), bytes=True)[..., :3].astype(int)
+    np.testing.assert_allclose(image.reshape(-1, 3)[1:], expected.reshape(-1, 3)[1:], atol=2)
+    assert image[0, 0].tolist() == [0x8A, 0x8A, 0x8A]
+
+
+def test_a_few_distant_points_do_not_darken_a_depth_map():
+    depth = np.tile(np.linspace(1.0, 2.0, 50), (50, 1))
+    depth[7, 7] = 1e6
+    image = shown_map(depth_figure(depth), depth.shape).astype(int)
+    assert np.abs(image[40, 5] - image[40, 45]).max() > 100
 
 
 def test_pixels_without_a_value_are_grey():

@@ -1,0 +1,197 @@
+"""Maps of disparity or depth, and of normals, in whatever file format the ending of a name says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import numpy as np
+from PIL import Image
+
+from occjax.errors import InputError
+from occjax.io.atomic import atomic_path
+from occjax.io.files import reading
+from occjax.io.pfm import read_pfm, write_pfm
+from occjax.io.value_png import read_value_png, write_value_png
+
+Quantity = Literal["disparity", "depth"]
+"""What the values of a map are."""
+
+UNITS: dict[Quantity, str] = {"disparity": "pixels per view step", "depth": "metres"}
+
+MAP_SUFFIXES = (".pfm", ".npy", ".png")
+"""File name endings of maps, in lower case."""
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Disparity or depth of the centre view.
+
+    Attributes:
+        values: ``[H, W]`` floating point, in the unit of :data:`UNITS`; NaN where there is none.
+        quantity: What they are.
+    """
+
+    values: np.ndarray
+    quantity: Quantity
+
+
+def read_map(
+    path: str | Path,
+    *,
+    quantity: Quantity | None = None,
+    scale: float | None = None,
+    offset: float | None = None,
+) -> Map:
+    """Read a map of disparity or depth.
+
+    Args:
+        path: ``.pfm``, ``.npy`` or grey ``.png`` file, or a folder of results, whose
+            ``disparity.pfm`` is read.
+        quantity: What its values are. By default what a PNG says itself; otherwise depth if the
+            file is named so (``depth.npy``, ``gt_depth_lowres.pfm``), else disparity.
+        scale: Value of one code, for a PNG without a scale of its own.
+        offset: Value of code 0, likewise; 0 by default.
+
+    Returns:
+        The map, top row first.
+
+    Raises:
+        InputError: If the file does not hold one map of real numbers, or holds another quantity.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "depth.npy"
+        >>> np.save(path, np.array([[1, 2]]))
+        >>> read_map(path).quantity, read_map(path).values.tolist()
+        ('depth', [[1.0, 2.0]])
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = _result_in(path)
+    suffix = path.suffix.lower()
+    if suffix != ".png" and (scale is not None or offset is not None):
+        raise InputError(f"{path}: scale and offset (--scale, --offset) are for a PNG; pass none")
+    stored = None
+    if suffix == ".png":
+        values, stored = read_value_png(path, scale=scale, offset=offset)
+    elif suffix == ".pfm":
+        values = read_pfm(path)
+    elif suffix == ".npy":
+        values = _read_npy(path)
+    elif suffix == ".npz":
+        raise InputError(f"{path}: an archive of arrays; save the map alone, as a .npy file")
+    else:
+        raise InputError(f"{path}: not a map of disparity or depth; pass a .pfm, .npy or .png file")
+    if values.ndim != 2 or values.size == 0:
+        raise InputError(f"{path}: holds {list(values.shape)}, not a map [H, W]; pass one map")
+    return Map(values, _quantity(path, stored, quantity))
+
+
+def write_map(path: str | Path, content: Map) -> float:
+    """Write a map of disparity or depth atomically, in the format that the ending says.
+
+    Args:
+        path: ``.pfm`` or ``.npy``, for 32-bit floats, or ``.png``, for 16-bit codes
+            (:mod:`occjax.io.value_png`); a file that is there is replaced.
+        content: What to write.
+
+    Returns:
+        By how much values differ at most, for having 16 bits, from what is read again; 0 for 32-bit
+        floats.
+
+    Raises:
+        InputError: If the ending is another, or the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "map.png"
+        >>> precision = write_map(path, Map(np.array([[0.5, 3.0]]), "depth"))
+        >>> read_map(path).quantity, read_map(path).values.tolist()
+        ('depth', [[0.5, 3.0]])
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".png":
+        unit = UNITS[content.quantity]
+        return write_value_png(path, content.values, quantity=content.quantity, unit=unit)
+    _write_floats(path, content.values)
+    return 0.0
+
+
+def write_normals(path: str | Path, normals: np.ndarray) -> None:
+    """Write unit normals atomically, in the format that the ending says.
+
+    Args:
+        path: ``.npy`` or ``.pfm`` for 32-bit floats, or ``.png`` for the usual colours: red, green
+            and blue are ``(n + 1) / 2`` of x, y and z, 0 to 255; black is no normal.
+        normals: ``[H, W, 3]`` unit vectors, NaN where there is none.
+
+    Raises:
+        InputError: If the ending is another, or the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "normals.png"
+        >>> write_normals(path, np.array([[[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]]))
+        >>> np.asarray(Image.open(path)).tolist()
+        [[[128, 128, 255], [0, 128, 128]]]
+    """
+    if normals.ndim != 3 or normals.shape[2] != 3 or normals.size == 0:
+        raise InputError(f"{path}: normals must be [H, W, 3], not {list(normals.shape)}")
+    if Path(path).suffix.lower() != ".png":
+        _write_floats(path, normals)
+        return
+    known = np.isfinite(normals).all(axis=-1, keepdims=True)
+    levels = np.floor(127.5 * (np.where(known, normals, -1.0) + 1.0) + 0.5)
+    with atomic_path(path) as temporary:
+        Image.fromarray(np.clip(levels, 0, 255).astype(np.uint8)).save(temporary, format="PNG")
+
+
+def _write_floats(path: str | Path, array: np.ndarray) -> None:
+    """An array of 32-bit floats."""
+    suffix = Path(path).suffix.lower()
+    if suffix == ".pfm":
+        write_pfm(path, array)
+    elif suffix == ".npy":
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.save(file, np.asarray(array, np.float32))
+    else:
+        raise InputError(f"{path}: the name must end in {', '.join(MAP_SUFFIXES)}; rename it")
+
+
+def _quantity(path: Path, stored: str | None, given: Quantity | None) -> Quantity:
+    """What the values are: as stored, given, or by the file's name, in that order."""
+    if stored is not None and stored not in get_args(Quantity):
+        raise InputError(f"{path}: holds {stored[:40]!r}, not disparity or depth")
+    if stored is not None and given not in (None, stored):
+        raise InputError(f"{path}: holds {stored}, as it says itself, not {given}")
+    named: Quantity = "depth" if "depth" in path.stem.lower() else "disparity"
+    return cast(Quantity | None, stored) or given or named
+
+
+def _result_in(folder: Path) -> Path:
+    """The disparity map that an estimate wrote to a folder."""
+    result = folder / "disparity.pfm"
+    if not result.is_file():
+        raise InputError(
+            f"{folder}: a folder without a disparity.pfm, so not one of results; "
+            f"name a {', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
+        )
+    return result
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    try:
+        with reading(path):
+            array = np.load(path, allow_pickle=False)
+    except InputError:
+        raise
+    # A damaged header may ask for more than any memory.
+    except (ValueError, EOFError, MemoryError, OverflowError) as error:
+        raise InputError(f"{path}: not a complete NPY array of numbers; save it again") from error
+    if isinstance(array, np.ndarray) and np.issubdtype(array.dtype, np.integer):
+        return array.astype(np.float64)
+    if not (isinstance(array, np.ndarray) and np.issubdtype(array.dtype, np.floating)):
+        raise InputError(f"{path}: does not hold real numbers; save them as float32")
+    return array
