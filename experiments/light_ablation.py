@@ -173,9 +173,7 @@ def run_row(
     kept = slug(pool.name if same_proposals else name)
     data = replace(row.data, pools=(pool,), prepared=folder / "prepared" / kept)
     run = RunConfig(validate_every=scale.steps, log_every=50)
-    # The data are in folders beside the row, which may be moved together.
-    row = replace(row, data=data, run=run)
-    return train_row(row, folder / slug(name), validation, describe_data=False)
+    return train_row(replace(row, data=data, run=run), folder / slug(name), validation)
 
 
 def table(results: Mapping[str, Mapping[str, float]], groups: Mapping[str, list[str]]) -> str:

@@ -35,7 +35,8 @@ def measure(config: NetworkConfig, size: int, *, repeats: int = 10) -> Measured:
     """Estimate a light field as ``occjax estimate`` does, several times.
 
     Memory is counted from the start of a process, and a network must not pay for the one before,
-    so that each has its own process; a GPU that this process has already used may be taken.
+    so that each has its own process. A GPU that this process has used before has no room left for
+    another, unless ``XLA_PYTHON_CLIENT_PREALLOCATE=false`` is set.
 
     Args:
         config: A network of a grid of views; the values of its weights do not matter.
@@ -65,7 +66,11 @@ def _measure_here(config: NetworkConfig, size: int, repeats: int) -> Measured:
     truth = jnp.zeros((size, size))
     # Compiling the initialisation would take longer than all that follows.
     variables = jax.tree.map(lambda leaf: jnp.full(leaf.shape, 0.02), variable_shapes(config))
-    estimate = jax.jit(lambda *inputs: infer(*inputs, config, ground_truth=truth)[-1].disparity)
+
+    @jax.jit
+    def estimate(variables, views):
+        return infer(variables, views, config, ground_truth=truth)[-1].disparity
+
     jax.block_until_ready(estimate(variables, views))
     seconds = []
     for _ in range(repeats):

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from occjax.training import Recipe, Scene, make_source, read_log, train
 from occjax.training.checkpoints import CONFIG_FILE, read_description
+from occjax.training.step import BatchSource
 
 Scores = Mapping[str, Any]
 """A line of a training's log; scores have the names that :func:`occjax.training.validate` gives."""
 
 
 def train_row(
-    row: Recipe, place: Path, validation: Sequence[Scene], *, describe_data: bool = True
+    row: Recipe,
+    place: Path,
+    validation: Sequence[Scene],
+    *,
+    source: BatchSource | None = None,
+    described: Mapping[str, Any] | None = None,
 ) -> Scores:
     """Train a row, go on with it where it was interrupted, or read it if it is done.
 
@@ -23,7 +28,8 @@ def train_row(
         row: The training.
         place: Its folder.
         validation: Scenes to score.
-        describe_data: Whether a row that was begun with other data is refused.
+        source: That of the row's data, where rows share one, so that it is made once.
+        described: What must not have changed since the row was begun, beside what is trained.
 
     Returns:
         Scores at the end.
@@ -31,8 +37,7 @@ def train_row(
     Raises:
         InputError: If the folder holds another training, or the data cannot be used.
     """
-    source = make_source(row.data, row.train.network)
-    described = asdict(row.data) if describe_data else None
+    source = source or make_source(row.data, row.train.network)
     train(row.train, source, place, run=row.run, validation=validation, data=described)
     return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
 
