@@ -15,8 +15,8 @@ Expected, by the paper: each ingredient helps a little and more candidates in th
 most. Its two rows of one network, ``cas_2`` and ``cas_2_again``, are 0.14 apart in BadPix 0.07,
 more than many of its ingredients gain, so that row is trained twice here too.
 
-Not in the paper: ``cas_2_occ`` with the warp of the published code, which moves rows with u. Volumes
-of mean and variance are none of the rows: no network of this library is built on them.
+Not in the paper: ``cas_2_occ`` with the warp of the published code, which moves rows with u.
+Volumes of mean and variance are none of the rows: no network of this library is built on them.
 """
 
 from __future__ import annotations
