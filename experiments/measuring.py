@@ -68,14 +68,14 @@ def _measure_here(config: NetworkConfig, size: int, repeats: int) -> Measured:
     variables = jax.tree.map(lambda leaf: jnp.full(leaf.shape, 0.02), variable_shapes(config))
 
     @jax.jit
-    def estimate(variables, views):
+    def estimate(variables, views, truth):
         return infer(variables, views, config, ground_truth=truth)[-1].disparity
 
-    jax.block_until_ready(estimate(variables, views))
+    jax.block_until_ready(estimate(variables, views, truth))
     seconds = []
     for _ in range(repeats):
         begin = time.perf_counter()
-        jax.block_until_ready(estimate(variables, views))
+        jax.block_until_ready(estimate(variables, views, truth))
         seconds.append(time.perf_counter() - begin)
     device = jax.devices()[0].memory_stats() or {}
     return Measured(
