@@ -21,20 +21,13 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from experiments.command_line import main
+from experiments.training_rows import slug, train_row
 from occjax.data.photographs import load_photographs
 from occjax.data.pool import render_pool
 from occjax.data.scene_config import Defects, Outlines, Textures
 from occjax.models import Choice, preset
-from occjax.training import (
-    Recipe,
-    RunConfig,
-    Scene,
-    make_source,
-    read_log,
-    recipe,
-    scenes_from_folders,
-    train,
-)
+from occjax.training import Recipe, RunConfig, Scene, recipe, scenes_from_folders
 from occjax.training.data import validation_scenes
 
 Change = Callable[[Recipe], Recipe]
@@ -172,18 +165,15 @@ def run_row(
     base = base_recipe(scale)
     row = ROWS[name](base)
     same_scenes = row.data.scenes == base.data.scenes
-    pool = folder / "pools" / _slug("as it is" if same_scenes else name)
+    pool = folder / "pools" / slug("as it is" if same_scenes else name)
     photographs = load_photographs() if row.data.scenes.photographs > 0.0 else None
     render_pool(pool, scale.pool, row.data.scenes, base.data.seed, photographs=photographs)
     # Rows of one pool and the same proposals share what is prepared.
     same_proposals = _proposing(row) == _proposing(base)
-    kept = _slug(pool.name if same_proposals else name)
+    kept = slug(pool.name if same_proposals else name)
     data = replace(row.data, pools=(pool,), prepared=folder / "prepared" / kept)
     run = RunConfig(validate_every=scale.steps, log_every=50)
-    place = folder / _slug(name)
-    source = make_source(data, row.train.network)
-    train(row.train, source, place, run=run, validation=validation)
-    return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
+    return train_row(replace(row, data=data, run=run), folder / slug(name), validation)
 
 
 def table(results: Mapping[str, Mapping[str, float]], groups: Mapping[str, list[str]]) -> str:
@@ -239,9 +229,5 @@ def _proposing(row: Recipe) -> tuple:
     return search, chosen.plane_steps, chosen.neighbours, row.data.seed
 
 
-def _slug(name: str) -> str:
-    return "".join(letter if letter.isalnum() else "_" for letter in name)
-
-
 if __name__ == "__main__":
-    tyro.cli(run)
+    main(run)

@@ -89,7 +89,12 @@ def _light(width: int, context: tuple[int, ...]) -> NetworkConfig:
 
 _COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4.0, 4.0, step) for step in (1.0, 1 / 2, 1 / 4))
 
-_WIDE = Residual(width=150)  # LFattNet and SubFocal aggregate with 150 channels
+
+def _single_stage(interval: float) -> NetworkConfig:
+    """LFattNet and SubFocal: one stage of 150 channels, 170 hidden units of attention."""
+    stage = StageConfig(sampled(-4.0, 4.0, interval), aggregation=Residual(width=150))
+    return NetworkConfig((stage,), attention_width=170)
+
 
 PRESETS: Mapping[str, NetworkConfig] = MappingProxyType(
     {
@@ -110,8 +115,8 @@ PRESETS: Mapping[str, NetworkConfig] = MappingProxyType(
         # The final model: Cas_2-occ with 33 and 9 candidates.
         "occcasnet": _cascade(_COARSE_33, _around(1 / 8), occlusion="coarse"),
         # Single-stage volumes of the networks it is compared with.
-        "lfattnet": NetworkConfig((StageConfig(_COARSE_9, aggregation=_WIDE),)),
-        "subfocal": NetworkConfig((StageConfig(sampled(-4.0, 4.0, 1 / 10), aggregation=_WIDE),)),
+        "lfattnet": _single_stage(1.0),
+        "subfocal": _single_stage(1 / 10),
         # For any arrangement of views, without a GPU; in three sizes.
         "light_small": _light(16, (24, 24, 32, 32)),
         "light": _light(32, (48, 48, 64, 64)),

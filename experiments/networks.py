@@ -1,0 +1,111 @@
+"""The networks of the paper's tables with the numbers printed there, and small ones like them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from fractions import Fraction
+from types import MappingProxyType
+from typing import NamedTuple
+
+from occjax.models import FeatureConfig, NetworkConfig, Residual
+
+
+class Published(NamedTuple):
+    """A row of the paper's table 2 or 3.
+
+    Attributes:
+        name: As printed.
+        parameters: In millions, as printed.
+        tera_flops: For 9x9 views of 256x256 pixels, as printed.
+        seconds: For such views on an RTX 3090; table 2 alone has them.
+        badpix: BadPix 0.07 in %, mean over the eight validation scenes of the HCI benchmark; table
+            3 alone is about these.
+        mse: MSE x100 on the same scenes.
+    """
+
+    name: str
+    parameters: str
+    tera_flops: str
+    seconds: float | None = None
+    badpix: float | None = None
+    mse: float | None = None
+
+
+def _cas(name: str, parameters: str, tera_flops: str, badpix: float, mse: float) -> Published:
+    return Published(name, parameters, tera_flops, badpix=badpix, mse=mse)
+
+
+TABLE_2: Mapping[str, Published] = MappingProxyType(
+    {
+        "subfocal": Published("SubFocal-L", "5.06", "53.0", seconds=7.13),
+        "occcasnet": Published("OccCasNet", "4.79", "13.2", seconds=1.13),
+    }
+)
+"""Efficiency of the final networks, by preset."""
+
+TABLE_3: Mapping[str, Published] = MappingProxyType(
+    {
+        "cas_1": _cas("Cas_1", "2.41", "3.11", 2.804, 1.164),
+        "cas_2": _cas("Cas_2", "4.79", "5.87", 2.511, 1.187),
+        "cas_3": _cas("Cas_3", "7.17", "8.63", 2.704, 1.195),
+        "cas_4": _cas("Cas_4", "9.55", "11.4", 2.650, 1.079),
+        "cas_2_share": _cas("Cas_2-share", "2.41", "5.87", 5.454, 1.088),
+        "cas_2_occ": _cas("Cas_2-occ", "4.79", "5.87", 2.451, 1.065),
+        "cas_2_occ_gt": _cas("Cas_2-occ-gt", "4.79", "5.87", 2.257, 0.792),
+        "cas_2_interval_1_2": _cas("Cas_2", "4.79", "5.87", 2.759, 1.223),
+        "cas_2_interval_1_4": _cas("Cas_2", "4.79", "5.87", 2.565, 1.077),
+        "cas_2_interval_1_16": _cas("Cas_2", "4.79", "5.87", 2.553, 1.116),
+        "cas_2_coarse_17": _cas("Cas_2", "4.79", "8.32", 2.068, 0.835),
+        "cas_2_coarse_33": _cas("Cas_2", "4.79", "13.2", 1.828, 0.780),
+        "occcasnet": _cas("Cas_2-occ", "4.79", "13.2", 1.733, 0.762),
+    }
+)
+"""The ablation, by preset."""
+
+CAS_2_AGAIN = _cas("Cas_2", "4.79", "5.87", 2.651, 1.076)
+"""A second row of table 3 for the same network as ``cas_2``, above those with 17 and 33 candidates:
+how far apart two trainings of one network are."""
+
+
+def small_form(network: NetworkConfig) -> NetworkConfig:
+    """The same stages with the same candidates, of 3x3 views and few channels.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> small = small_form(preset("occcasnet"))
+        >>> small.views, [len(stage.candidates) for stage in small.stages]
+        ((3, 3), [33, 9])
+    """
+    return dataclasses.replace(
+        network,
+        stages=tuple(
+            dataclasses.replace(stage, aggregation=Residual(8, 1)) for stage in network.stages
+        ),
+        views=(3, 3),
+        features=FeatureConfig(blocks=(1, 1, 1, 1), pooled=(2, 4)),
+        attention_width=8,
+    )
+
+
+def candidate_numbers(network: NetworkConfig) -> str:
+    """Candidates of each stage, as the paper prints them.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> candidate_numbers(preset("occcasnet"))
+        '33, 9'
+    """
+    return ", ".join(str(len(stage.candidates)) for stage in network.stages)
+
+
+def candidate_intervals(network: NetworkConfig) -> str:
+    """Distance of neighbouring candidates in each stage, as the paper prints them.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> candidate_intervals(preset("occcasnet"))
+        '1/4, 1/8'
+    """
+    firsts = (stage.candidates[:2] for stage in network.stages)
+    return ", ".join(str(Fraction(b - a).limit_denominator(1000)) for a, b in firsts)

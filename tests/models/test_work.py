@@ -1,0 +1,163 @@
+"""Counted work against counting loops, the paper's tables, XLA and Flax's own variables."""
+
+from collections import defaultdict
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.models import (
+    PRESETS,
+    FeatureConfig,
+    NetworkConfig,
+    OccCasNet,
+    Residual,
+    StageConfig,
+    preset,
+    variable_shapes,
+)
+from occjax.models.work import count_flops, count_parameters, layers
+from tests.reference import network as reference
+from tests.reference.network import Weights
+from tests.reference.published_layout import published_shapes
+
+GRID_NETWORKS = [name for name, config in PRESETS.items() if config.views is not None]
+
+
+def small_published_network() -> NetworkConfig:
+    """3x3 views, everything else structured as published, as the NumPy reference has it."""
+    candidates = (0.0, 1.0, 2.0), (0.0, 1.0)
+    stages = tuple(StageConfig(each, aggregation=Residual(width=6)) for each in candidates)
+    return NetworkConfig(stages, views=(3, 3), attention_width=5)
+
+
+def taps_inside(size: tuple[int, ...], taps: tuple[int, ...], dilation: int) -> int:
+    """How many taps of a kernel, at all pixels together, lie inside the image."""
+    inside = 0
+    for tap in np.ndindex(*taps):
+        pixels = np.meshgrid(*map(np.arange, size), indexing="ij")
+        at = [p + dilation * (t - n // 2) for p, t, n in zip(pixels, tap, taps, strict=True)]
+        within = [(a >= 0) & (a < n) for a, n in zip(at, size, strict=True)]
+        inside += np.logical_and.reduce(within).sum()
+    return inside
+
+
+def count_by_loops(image_size: tuple[int, int], monkeypatch) -> dict[str, np.ndarray]:
+    """Multiply-adds while the NumPy reference runs, by part: all, and those inside the image."""
+    counts = defaultdict(lambda: np.zeros(2, int))
+    convolve = reference.convolve
+
+    def counting(x, kernel, dilation=1):
+        *taps, channels_in, channels = kernel.shape
+        size = x.shape[-1 - len(taps) : -1]
+        images = x.size // (np.prod(size) * channels_in)
+        each = images * channels_in * channels
+        part = "aggregation" if len(taps) == 3 else "features"
+        everywhere, inside = np.prod(size) * np.prod(taps), taps_inside(size, taps, dilation)
+        counts[part] += each * everywhere, each * inside
+        return convolve(x, kernel, dilation)
+
+    monkeypatch.setattr(reference, "convolve", counting)
+    shapes = published_shapes(grid=3, attention=5, aggregation=6)
+    weights = Weights.from_names({name: np.full(shape, 0.01) for name, shape in shapes.items()})
+    views = np.random.default_rng(0).uniform(size=(3, 3, *image_size))
+    first = reference.coarse_stage(weights, views, np.arange(3.0))
+    reference.refined_stage(weights, views, first, np.arange(2.0), transposed=False)
+    # Dense layers, which the reference multiplies directly, use each weight once.
+    counts["attention"] += sum(kernel.size for kernel, bias in weights.conv3d if bias is not None)
+    return counts
+
+
+@pytest.mark.parametrize("image_size", [(20, 9), (3, 4)])
+def test_multiply_adds_are_those_of_the_reference_network(image_size, monkeypatch):
+    counted = count_by_loops(image_size, monkeypatch)
+    for number, padding in enumerate((True, False)):
+        found = defaultdict(int)
+        for layer in layers(small_published_network(), image_size, padding=padding):
+            found[layer.name.split("/")[0].split("_")[0]] += layer.multiply_adds
+        assert found == {part: numbers[number] for part, numbers in counted.items()}
+
+
+def test_operations_on_values_counted_by_hand():
+    stage = StageConfig((0.0, 1.0, 2.0), aggregation=Residual(5, 1))
+    features = FeatureConfig(2, (2, 3), (1, 1), (1, 1), (2,), 1, 4, 2)
+    config = NetworkConfig((stage,), views=(1, 1), features=features, attention_width=7)
+    counts = {layer.name: layer.others for layer in layers(config, (4, 6))}
+    pixels, voxels = 24, 3 * 24
+    assert counts == {
+        "features/stem_0": 3 * 2 * pixels,
+        "features/stem_1": 3 * 2 * pixels,
+        "features/group_0_block_0/conv_0": 3 * 2 * pixels,  # normalised, rectified
+        "features/group_0_block_0/conv_1": 3 * 2 * pixels,  # normalised, added
+        "features/group_1_block_0/shortcut": 2 * 3 * pixels,  # normalised
+        "features/group_1_block_0/conv_0": 3 * 3 * pixels,
+        "features/group_1_block_0/conv_1": 3 * 3 * pixels,
+        "features/pooled_2": 3 * 6,  # a quarter of the pixels
+        "features/fused": 3 * 4 * pixels,
+        "features/output": 0,
+        "attention_0/hidden": 2 * 7,  # bias, ReLU
+        "attention_0/octant": 1,  # bias
+        "attention_0/product": 2 * voxels,
+        "aggregation_0/conv_0": 3 * 5 * voxels,
+        "aggregation_0/conv_1": 3 * 5 * voxels,
+        "aggregation_0/pair_0_conv_0": 3 * 5 * voxels,
+        "aggregation_0/pair_0_conv_1": 3 * 5 * voxels,
+        "aggregation_0/conv_2": 3 * 5 * voxels,
+        "aggregation_0/score": 0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "tera"),
+    [
+        # Table 3 of the paper.
+        ("cas_1", "3.11"),
+        ("cas_2", "5.87"),
+        ("cas_3", "8.63"),
+        ("cas_4", "11.4"),
+        ("cas_2_share", "5.87"),
+        ("cas_2_occ", "5.87"),
+        ("cas_2_occ_gt", "5.87"),
+        ("cas_2_coarse_17", "8.32"),
+        ("cas_2_coarse_33", "13.2"),
+        # Table 2.
+        ("occcasnet", "13.2"),
+        ("subfocal", "53.0"),
+    ],
+)
+def test_flops_are_the_published_ones_to_the_last_digit(name, tera):
+    assert f"{count_flops(preset(name)) / 1e12:#.3g}" == tera
+
+
+@pytest.mark.parametrize("name", ["cas_1", "cas_2_share", "cas_2_occ_gt", "occcasnet", "subfocal"])
+def test_xla_counts_the_same_within_two_percent(name):
+    config = preset(name)
+    views = jax.ShapeDtypeStruct((9, 9, 128, 96), jnp.float32)
+    truth = jax.ShapeDtypeStruct((128, 96), jnp.float32)
+
+    def disparity(variables, views, truth):
+        return OccCasNet(config).apply(variables, views, ground_truth=truth)[-1].disparity
+
+    lowered = jax.jit(disparity).lower(variable_shapes(config), views, truth)
+    assert "while" not in lowered.as_text()  # whose body would count once
+    found = count_flops(config, (128, 96), padding=False)
+    assert found == pytest.approx(lowered.cost_analysis()["flops"], rel=0.02)
+
+
+@pytest.mark.parametrize("name", GRID_NETWORKS)
+def test_parameters_are_those_that_flax_makes(name):
+    variables = jax.tree.leaves(variable_shapes(preset(name)))
+    assert count_parameters(preset(name)) == sum(array.size for array in variables)
+
+
+def test_networks_compared_with_have_the_published_parameters():
+    assert f"{count_parameters(preset('subfocal')) / 1e6:.2f}" == "5.06"  # table 2
+
+
+def test_what_cannot_be_counted_says_why():
+    with pytest.raises(InputError, match="any arrangement"):
+        count_flops(preset("light"))
+    with pytest.raises(InputError, match="not 0x4"):
+        count_flops(preset("tiny"), (0, 4))
