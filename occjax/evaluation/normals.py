@@ -35,7 +35,8 @@ def angular_errors(
 
     Normals are those of plain differences of neighbouring points, also where a surface ends: an
     estimate must not gain by what its own steps hide. A pixel without an estimate counts as 90
-    degrees off; one without a true normal is left out. The benchmark prints the median, on planes and on other smooth surfaces.
+    degrees off; one without a true normal is left out. The benchmark prints the median, on planes
+    and on other smooth surfaces.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
