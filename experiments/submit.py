@@ -34,7 +34,7 @@ from tqdm import tqdm
 from tyro.conf import Positional, arg
 
 import occjax
-from experiments.command_line import main
+from experiments.command_line import Command, main
 from experiments.cut_outs import cut_out
 from experiments.hci_scenes import check_names, scene_folders
 from occjax.cli.options import option
@@ -188,7 +188,7 @@ def _light_field(scene: str, places: Mapping[str, Path], small: bool) -> LightFi
     return cut_out(light_field, SMALL) if small else light_field
 
 
-COMMANDS = {"make": make, "validate": validate}
+COMMANDS: Mapping[str, Command] = {"make": make, "validate": validate}
 
 
 if __name__ == "__main__":

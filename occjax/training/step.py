@@ -67,12 +67,7 @@ def init_state(config: TrainConfig, batch: Batch) -> TrainState:
     return state_of(_first_variables(jax.random.key(config.seed), one, config.network), config)
 
 
-# It runs once: code that is not optimised is there in a fraction of the time.
-@partial(
-    jax.jit,
-    static_argnames="network",
-    compiler_options={"xla_backend_optimization_level": 0},
-)
+@partial(jax.jit, static_argnames="network")
 def _first_variables(key: Array, one: Batch, network: NetworkConfig) -> dict:
     if isinstance(one, PreparedSample):
         return dict(OccCasNet(network).init(key, unpack(one.packed), method="choose"))

@@ -17,7 +17,6 @@ def test_the_small_form_trains_its_rows_and_prints_them(tmp_path, capsys):
     table = [line for line in printed if line.startswith("|")]
     assert table[0].startswith("| training | procedural")
     bad = results["one ray per pixel"]["badpix_0.07"]
-    assert 0.0 < bad < 100.0
     assert table[3].startswith("| one ray per pixel |")
     assert f" / {bad:.1f} / " in table[3]
     # Done rows are read, not trained again.
