@@ -6,6 +6,9 @@ field, so its inner rows are those of the whole image. Two things look at the wh
 computed before: the features (their spatial pyramid reaches far) and the mean over the volume from
 which the view attention is made.
 
+The first convolution of a coarse volume, a third of the published network's work, is computed
+without making the volume, see :mod:`occjax.ops.convolved_volume`.
+
 Networks of any arrangement of views are computed whole: what they keep does not grow with the
 number of views.
 """
@@ -21,14 +24,17 @@ from jaxtyping import Array, Float, Int
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
 from occjax.models.config import Residual, of_kind
+from occjax.models.layers import convolve_volume
 from occjax.models.stages import stage_output
 from occjax.ops import (
     coarse_volume,
     concatenate,
+    convolved_coarse_volume,
     occlusion_weights,
     refined_volume,
     view_offsets,
 )
+from occjax.ops.convolved_volume import within_span
 
 
 def infer(
@@ -73,8 +79,8 @@ def infer(
         outputs = network.apply(variables, views, candidates=candidates, offsets=offsets)
         return of_kind(outputs, tuple)
 
-    def method(name, *args):
-        return network.apply(variables, *args, method=name)
+    def method(name, *args, **options):
+        return network.apply(variables, *args, **options, method=name)
 
     # A row of views at a time: 40 channels of all views at once would be gigabytes.
     features = jax.lax.map(lambda row: method("extract", row[None])[0], views)
@@ -87,10 +93,14 @@ def infer(
         maps = method("occlusion", index, views, before, ground_truth)
         volume = _StageVolume(features, values, before, maps, _offsets(network, before))
         attention = method("attend", index, volume.channel_means()) if stage.attention else None
+        if before is None and maps is None:
+            span = stage.candidates[-1] - stage.candidates[0]
+            kernel = method("first_kernel", index, attention)
+            compute = _on_convolved(method, index, volume, kernel, span, candidates is not None)
+        else:
+            compute = _on_volume(method, index, volume, attention)
         scores = _in_strips(
-            lambda first, rows, index=index, volume=volume, attention=attention: method(
-                "aggregate", index, volume.strip(first, rows, attention), None
-            ),
+            compute,
             height=views.shape[2],
             rows=strip_rows,
             halo=of_kind(stage.aggregation, Residual).halo,
@@ -102,6 +112,25 @@ def infer(
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:
     grid = of_kind(network.config.views, tuple)
     return view_offsets(*grid) if before is None else network.warp_offsets()
+
+
+def _on_volume(method, index, volume, attention):
+    """Scores of a strip ``(first_row, number_of_rows) -> [d, r, w]`` from its volume."""
+
+    def scores(first, rows):
+        return method("aggregate", index, volume.strip(first, rows, attention), None)
+
+    return scores
+
+
+def _on_convolved(method, index, volume, kernel, span, other_candidates):
+    """The same without making the volume, where views are weighted as wholes."""
+
+    def scores(first, rows):
+        convolved = volume.convolved(first, rows, kernel, span, other_candidates)
+        return method("aggregate", index, convolved, None, convolved=True)
+
+    return scores
 
 
 class _StageVolume:
@@ -153,6 +182,41 @@ class _StageVolume:
             return coarse_volume(self.features, self.candidates, rows=(first, rows), **options)
         before = cut(self.before, 0)
         return refined_volume(self.features, before, self.candidates, first_row=first, **options)
+
+    def convolved(
+        self,
+        first: Int[Array, ""],
+        rows: int,
+        kernel: Float[Array, "3 3 3 n k"],
+        span: float,
+        other_candidates: bool,
+    ) -> Float[Array, "d r w k"]:
+        """First convolution of some rows of the coarse volume.
+
+        Args:
+            first: First row.
+            rows: Number of rows.
+            kernel: Of the convolution, with the weights of the views in it.
+            span: By how much the configured candidates differ.
+            other_candidates: Whether these are others, which may differ by more.
+        """
+
+        def commuted(candidates, span=span):
+            return convolved_coarse_volume(
+                self.features, candidates, kernel, rows=(first, rows), span=span, streamed=True
+            )
+
+        def materialised(candidates):
+            volume = coarse_volume(self.features, candidates, rows=(first, rows), streamed=True)
+            return convolve_volume(volume, kernel.astype(volume.dtype))
+
+        if rows == self.features.shape[2]:
+            return commuted(self.candidates, span=None)
+        if not other_candidates:
+            return commuted(self.candidates)
+        # Of a strip, those that differ by more would read rows that were not convolved.
+        known = within_span(self.candidates, span)
+        return jax.lax.cond(known, commuted, materialised, self.candidates)
 
 
 def _in_strips(compute, *, height: int, rows: int, halo: int) -> Float[Array, "d h w"]:
