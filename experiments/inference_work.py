@@ -75,29 +75,32 @@ def first_layer(config: NetworkConfig, size: int, rows: int) -> tuple[float, flo
         Of the volume and its convolution, and of the convolved views.
 
     Raises:
-        RuntimeError: If the program has a loop, whose body would count once only.
+        RuntimeError: If the program has a loop, whose body would count once only, or a branch.
     """
     stage = config.stages[0]
     v, u = of_kind(config.views, tuple)
     channels = of_kind(config.features, FeatureConfig).channels
     shapes = (
         (v, u, size, size, channels),
-        (len(stage.candidates),),
         (3, 3, 3, v * u * channels, of_kind(stage.aggregation, Residual).width),
     )
-    span = None if rows == size else stage.candidates[-1] - stage.candidates[0]
+    candidates = jnp.asarray(stage.candidates, jnp.float32)
+    span = stage.candidates[-1] - stage.candidates[0]
 
-    def on_volume(features, candidates, kernel):
+    def on_volume(features, kernel):
         return convolve_volume(coarse_volume(features, candidates, rows=(0, rows)), kernel)
 
     def counted(function) -> float:
         arguments = (jax.ShapeDtypeStruct(shape, jnp.float32) for shape in shapes)
         lowered = jax.jit(function).lower(*arguments)
-        if "stablehlo.while" in lowered.as_text():
-            raise RuntimeError("XLA counts the body of a loop once: count a program without loops")
+        text = lowered.as_text()
+        if "stablehlo.while" in text or "stablehlo.case" in text:
+            raise RuntimeError("XLA counts the body of a loop once and branches that are not taken")
         return of_kind(lowered.cost_analysis(), dict)["flops"]
 
-    commuted = partial(convolved_coarse_volume, rows=(0, rows), span=span)
+    def commuted(features, kernel):
+        return convolved_coarse_volume(features, candidates, kernel, rows=(0, rows), span=span)
+
     return counted(on_volume), counted(commuted)
 
 

@@ -24,7 +24,6 @@ from jaxtyping import Array, Float, Int
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
 from occjax.models.config import Residual, of_kind
-from occjax.models.layers import convolve_volume
 from occjax.models.stages import stage_output
 from occjax.ops import (
     coarse_volume,
@@ -34,7 +33,6 @@ from occjax.ops import (
     refined_volume,
     view_offsets,
 )
-from occjax.ops.convolved_volume import within_span
 
 
 def infer(
@@ -87,7 +85,8 @@ def infer(
     done: list[StageOutput] = []
     for index, stage in enumerate(config.stages):
         before = done[-1].disparity if done else None
-        values = jnp.asarray(stage.candidates, jnp.float32)
+        with jax.ensure_compile_time_eval():  # known while tracing
+            values = jnp.asarray(stage.candidates, jnp.float32)
         if before is None and candidates is not None:
             values = candidates
         maps = method("occlusion", index, views, before, ground_truth)
@@ -96,7 +95,7 @@ def infer(
         if before is None and maps is None:
             span = stage.candidates[-1] - stage.candidates[0]
             kernel = method("first_kernel", index, attention)
-            compute = _on_convolved(method, index, volume, kernel, span, candidates is not None)
+            compute = _on_convolved(method, index, volume, kernel, span)
         else:
             compute = _on_volume(method, index, volume, attention)
         scores = _in_strips(
@@ -123,11 +122,11 @@ def _on_volume(method, index, volume, attention):
     return scores
 
 
-def _on_convolved(method, index, volume, kernel, span, other_candidates):
+def _on_convolved(method, index, volume, kernel, span):
     """The same without making the volume, where views are weighted as wholes."""
 
     def scores(first, rows):
-        convolved = volume.convolved(first, rows, kernel, span, other_candidates)
+        convolved = volume.convolved(first, rows, kernel, span)
         return method("aggregate", index, convolved, None, convolved=True)
 
     return scores
@@ -184,39 +183,12 @@ class _StageVolume:
         return refined_volume(self.features, before, self.candidates, first_row=first, **options)
 
     def convolved(
-        self,
-        first: Int[Array, ""],
-        rows: int,
-        kernel: Float[Array, "3 3 3 n k"],
-        span: float,
-        other_candidates: bool,
+        self, first: Int[Array, ""], rows: int, kernel: Float[Array, "3 3 3 n k"], span: float
     ) -> Float[Array, "d r w k"]:
-        """First convolution of some rows of the coarse volume.
-
-        Args:
-            first: First row.
-            rows: Number of rows.
-            kernel: Of the convolution, with the weights of the views in it.
-            span: By how much the configured candidates differ.
-            other_candidates: Whether these are others, which may differ by more.
-        """
-
-        def commuted(candidates, span=span):
-            return convolved_coarse_volume(
-                self.features, candidates, kernel, rows=(first, rows), span=span, streamed=True
-            )
-
-        def materialised(candidates):
-            volume = coarse_volume(self.features, candidates, rows=(first, rows), streamed=True)
-            return convolve_volume(volume, kernel.astype(volume.dtype))
-
-        if rows == self.features.shape[2]:
-            return commuted(self.candidates, span=None)
-        if not other_candidates:
-            return commuted(self.candidates)
-        # Of a strip, those that differ by more would read rows that were not convolved.
-        known = within_span(self.candidates, span)
-        return jax.lax.cond(known, commuted, materialised, self.candidates)
+        """First convolution of some rows of the coarse volume, the views' weights in its kernel."""
+        return convolved_coarse_volume(
+            self.features, self.candidates, kernel, rows=(first, rows), span=span, streamed=True
+        )
 
 
 def _in_strips(compute, *, height: int, rows: int, halo: int) -> Float[Array, "d h w"]:

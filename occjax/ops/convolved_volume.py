@@ -20,14 +20,12 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from occjax.errors import InputError
 from occjax.ops.geometry import view_offsets
 from occjax.ops.sampling import Rows, as_coordinates, as_images
 from occjax.ops.volume import coarse_volume, concatenate
-
-_LAYOUT = ("NHWC", "HWIO", "NHWC")
 
 
 def convolved_coarse_volume(
@@ -51,8 +49,9 @@ def convolved_coarse_volume(
             :func:`occjax.ops.concatenate` has them.
         rows: First row and number of rows r of the centre view to compute; all by default. As of a
             volume of those rows: zeros around them.
-        span: Largest difference of two candidates. With it, of each view only the rows that the
-            candidates can read are convolved; without it, all.
+        span: How far apart the candidates are at most. With it, of each view only the rows that the
+            candidates of a strip can read are convolved; without it, all. Candidates that turn out
+            to be further apart are computed on the volume.
         streamed: One column of the grid and one candidate after the other (little memory) instead
             of all at once.
 
@@ -60,8 +59,7 @@ def convolved_coarse_volume(
         ``[d, r, w, k]``, of the type of the features; summed in at least float32.
 
     Raises:
-        InputError: If the features are not floating point, the kernel does not fit them, or the
-            candidates are known and differ by more than the span.
+        InputError: If the features are not floating point or the kernel does not fit them.
 
     Example:
         >>> features, kernel = jnp.zeros((3, 3, 8, 8, 4)), jnp.zeros((3, 3, 3, 36, 5))
@@ -69,25 +67,34 @@ def convolved_coarse_volume(
         (5, 8, 8, 5)
     """
     features = as_images(features, "v u h w c", "features")
-    (candidates,) = as_coordinates(candidates)
+    given, (candidates,) = candidates, as_coordinates(candidates)
     kernel = as_images(kernel, "depth row column n k", "kernel").astype(features.dtype)
     v, u, h, _, c = features.shape
     if candidates.ndim != 1:
         raise InputError(f"candidates must be a list [d], not {list(candidates.shape)}")
     if kernel.shape[:4] != (3, 3, 3, v * u * c):
         raise InputError(f"kernel must be [3, 3, 3, {v * u * c}, k], not {list(kernel.shape)}")
-    if span is not None and not isinstance(candidates, jax.core.Tracer):
-        apart = float(np.ptp(candidates))
-        if not _within(apart, span):
-            raise InputError(f"the candidates differ by {apart:g}, more than the span of {span:g}")
     rows = (0, h) if rows is None else rows
     start, count = _rows_read(candidates, view_offsets(v, u)[:, 0, 0], rows, h, span)
 
-    def planes(candidates, depth):
+    def commuted(candidates, depth):
         inner = _convolved_beyond_border(
             features, candidates, kernel[depth], rows, (start, count), streamed
         )
         return _without_frame(inner, features, candidates, kernel[depth], rows, streamed)
+
+    def materialised(candidates, depth):
+        return _convolved_volume(features, candidates, kernel[depth], rows, streamed)
+
+    # The whole views serve any candidates.
+    fits = span is None or count == h + 2 or _fit(given, span)
+
+    def planes(candidates, depth):
+        if isinstance(fits, bool):
+            return (commuted if fits else materialised)(candidates, depth)
+        return jax.lax.cond(
+            fits, lambda: commuted(candidates, depth), lambda: materialised(candidates, depth)
+        )
 
     result = planes(candidates, 1)
     if len(candidates) > 1:
@@ -96,13 +103,12 @@ def convolved_coarse_volume(
     return result.astype(features.dtype)
 
 
-def within_span(candidates: Float[Array, " d"], span: float) -> Array:
+def _fit(candidates: Float[Array, " d"], span: float) -> bool | Bool[Array, ""]:
     """Whether no two candidates differ by more than the span, but for rounding."""
-    return _within(candidates.max() - candidates.min(), span)
-
-
-def _within(apart, span: float):
-    return apart <= span + 1e-3
+    known = not isinstance(candidates, jax.core.Tracer)
+    values = np.asarray(candidates) if known else candidates
+    fit = values.max() - values.min() <= span + 1e-3
+    return bool(fit) if known else fit
 
 
 def _rows_read(
@@ -142,19 +148,12 @@ def _convolved_beyond_border(
     start, height = rows_read
     offsets = view_offsets(v, u)
     kernels = kernel.reshape(3, 3, v, u, c, -1).transpose(3, 2, 0, 1, 4, 5)
-    kind = jnp.dtype(jnp.float64 if features.dtype == jnp.float64 else jnp.float32)
     # One row of zeros on each side stands for all that lies outside.
     read = jnp.clip(start[:, None] - 1 + jnp.arange(height + 2)[None], -1, h) + 1
 
     def convolve(view, kernel, read):
-        return jax.lax.conv_general_dilated(
-            jnp.pad(view, ((1, 1), (0, 0), (0, 0)))[read][None],
-            kernel,
-            (1, 1),
-            ((0, 0), (2, 2)),
-            dimension_numbers=_LAYOUT,
-            preferred_element_type=kind,
-        )[0]
+        rows = jnp.pad(view, ((1, 1), (0, 0), (0, 0)))[read]
+        return _convolve(rows[None], kernel, ((0, 0), (2, 2)))[0]
 
     def column(column):
         """Sum over a column of the grid, at every candidate."""
@@ -173,7 +172,42 @@ def _convolved_beyond_border(
         return jax.lax.map(at, candidates) if streamed else jax.vmap(at)(candidates)
 
     columns = (features.swapaxes(0, 1), kernels, offsets[0, :, 1])
-    return _total(column, columns, (len(candidates), count, w, kernel.shape[-1]), kind, streamed)
+    shape = (len(candidates), count, w, kernel.shape[-1])
+    return _total(column, columns, shape, _sum_type(features), streamed)
+
+
+def _convolved_volume(
+    features: Float[Array, "v u h w c"],
+    candidates: Float[Array, " d"],
+    kernel: Float[Array, "3 3 n k"],
+    rows: Rows,
+    streamed: bool,
+) -> Float[Array, "d r w k"]:
+    """Convolution of each plane of the volume, made and dropped again."""
+
+    def at(candidate):
+        volume = coarse_volume(features, candidate[None], rows=rows)
+        return _convolve(volume, kernel, ((1, 1), (1, 1)))[0]
+
+    return jax.lax.map(at, candidates) if streamed else jax.vmap(at)(candidates)
+
+
+def _convolve(
+    images: Float[Array, "n i j c"], kernel: Float[Array, "p q c k"], padding
+) -> Float[Array, "n r w k"]:
+    return jax.lax.conv_general_dilated(
+        images,
+        kernel,
+        (1, 1),
+        padding,
+        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+        preferred_element_type=_sum_type(images),
+    )
+
+
+def _sum_type(images: Array) -> jnp.dtype:
+    """At least single precision."""
+    return jnp.dtype(jnp.float64 if images.dtype == jnp.float64 else jnp.float32)
 
 
 def _total(function: Callable, arrays, shape: tuple[int, ...], dtype, streamed: bool) -> Array:
@@ -225,16 +259,6 @@ def _without_frame(
     first, count = rows
     wider = jnp.pad(features, ((0, 0), (0, 0), (0, 0), (1, 1), (0, 0)))
 
-    def convolved(volume, kernel, padding):
-        return jax.lax.conv_general_dilated(
-            volume,
-            kernel,
-            (1, 1),
-            (padding, (0, 0)),
-            dimension_numbers=_LAYOUT,
-            preferred_element_type=inner.dtype,
-        )
-
     def frame_row(row):
         return coarse_volume(wider, candidates, rows=(row, 1), streamed=streamed)
 
@@ -242,9 +266,9 @@ def _without_frame(
         return concatenate(views[:, :, :, :: views.shape[3] - 1], weights)
 
     columns = coarse_volume(wider, candidates, rows=rows, combine=outer_columns, streamed=streamed)
-    above = convolved(frame_row(first - 1), kernel[:1], (0, 0))
-    below = convolved(frame_row(first + count), kernel[2:], (0, 0))
-    left = convolved(columns[:, :, :1], kernel[:, :1], (1, 1))
-    right = convolved(columns[:, :, 1:], kernel[:, 2:], (1, 1))
+    above = _convolve(frame_row(first - 1), kernel[:1], ((0, 0), (0, 0)))
+    below = _convolve(frame_row(first + count), kernel[2:], ((0, 0), (0, 0)))
+    left = _convolve(columns[:, :, :1], kernel[:, :1], ((1, 1), (0, 0)))
+    right = _convolve(columns[:, :, 1:], kernel[:, 2:], ((1, 1), (0, 0)))
     inner = inner.at[:, :1].add(-above).at[:, -1:].add(-below)
     return inner.at[:, :, :1].add(-left).at[:, :, -1:].add(-right)

@@ -99,6 +99,8 @@ def test_the_coarse_volume_is_not_made():
 
     assert "9x20x14x324x" in program(OccCasNet(config).apply)
     assert "9x20x14x324x" not in program(partial(infer, config=config))
+    strips = program(partial(infer, config=config, strip_rows=1))
+    assert "stablehlo.case" not in strips  # the configured candidates are known to fit
 
 
 def test_the_published_network_on_reference_data(shared):

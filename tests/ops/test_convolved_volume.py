@@ -49,7 +49,7 @@ def test_matches_the_loop(grid, size, candidates, streamed):
     np.testing.assert_allclose(actual, expected, rtol=1e-5, atol=3e-5)
 
 
-@pytest.mark.parametrize("span", [None, 3.3, 5.0])
+@pytest.mark.parametrize("span", [None, 3.3, 5.0, 1.0])
 def test_strips_are_convolutions_of_some_rows_of_the_volume(span):
     features, kernel = case((3, 3), (19, 4))
     volume = reference.coarse_volume(np.asarray(features), CANDIDATES)
@@ -131,7 +131,5 @@ def test_work_is_a_fraction_of_that_of_the_volume(candidates, least):
 
 def test_what_does_not_fit_is_refused():
     features, kernel = case((3, 3), (4, 5))
-    with pytest.raises(InputError, match=r"differ by 3.3, more than the span of 2"):
-        ops.convolved_coarse_volume(features, CANDIDATES, kernel, span=2.0)
     with pytest.raises(InputError, match=r"kernel must be \[3, 3, 3, 18, k\], not \[3, 3, 3, 17"):
         ops.convolved_coarse_volume(features, CANDIDATES, kernel[:, :, :, :17])
