@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -35,6 +34,7 @@ from occjax.ops import (
     semi_global,
 )
 from occjax.ops.brightness import WHITE, vignetted, white_level
+from occjax.ops.planes import softmax_planes
 from occjax.ops.sampling import as_images
 
 
@@ -118,6 +118,7 @@ def photometric(
             or views that are not grey or RGB in floating point.
 
     Example:
+        >>> import jax
         >>> texture = jax.random.uniform(jax.random.key(0), (1, 3, 16, 24, 1))
         >>> views = jnp.stack([jnp.roll(texture[0, 0], -k, axis=1) for k in (-1, 0, 1)])[None]
         >>> result = photometric(views, jnp.linspace(-2.0, 2.0, 9))
@@ -168,7 +169,7 @@ def photometric(
         radius=config.refinement_radius,
     )
     disparity = jnp.clip(disparity, candidates[0], candidates[-1])
-    probabilities = jax.nn.softmax(-costs / config.temperature, axis=0)
+    probabilities = softmax_planes(-costs / config.temperature)
     spread = confidence(probabilities, candidates)
     occlusion = occlusion_maps(original[..., None], disparity, offsets=offsets)
     certainty = spread.certainty(len(candidates))

@@ -19,6 +19,7 @@ from occjax.models.layers import (
 )
 from occjax.models.proposals import BEST_HALF, Proposals
 from occjax.ops.filtering import central_differences, neighbours
+from occjax.ops.planes import greatest_plane, sum_planes
 
 LITTLE = 0.003
 """Cost below which differences between proposals are noise."""
@@ -59,7 +60,7 @@ class ProposalChoice(nn.Module):
                 ``2 ** len(config.context)``.
         """
         width = self.config.width
-        level = proposals.costs.mean(1)
+        level = _mean(jnp.moveaxis(proposals.costs, 1, 0))
 
         def per_pixel(maps: Float[Array, "n c h w"]) -> Float[Array, "n i j _"]:
             return space_to_depth(jnp.moveaxis(maps, 1, -1)).astype(self.dtype)
@@ -152,7 +153,9 @@ def _who_proposes(
     """
     centre, proposed = proposals.centre, proposals.proposed
     here = jnp.zeros_like(centre)
-    ways = [jnp.abs(jnp.diff(neighbours(centre, _way(place)), axis=0)).sum(0) for place in places]
+    ways = [
+        sum_planes(jnp.abs(jnp.diff(neighbours(centre, _way(place)), axis=0))) for place in places
+    ]
     sources = ((0, 0), *places, (0, 0))
     difference = jnp.abs(neighbours(centre, sources) - centre[None])
     variation = jnp.stack([here, *ways, here])
@@ -164,7 +167,7 @@ def _who_proposes(
         is_neighbour,
         *(neighbours(one, sources) for one in proposals.spread),
         jnp.sqrt(neighbours(proposals.costs[BEST_HALF, 0], sources)),
-        agreement.mean(1),
+        _mean(agreement),
     ]
     return jnp.stack(maps, axis=1)
 
@@ -180,4 +183,8 @@ def _way(place: tuple[int, int]) -> list[tuple[int, int]]:
 
 def _over_all(x: Float[Array, "k i j c"]) -> Float[Array, "1 i j _"]:
     """Mean and maximum over the proposals."""
-    return jnp.concatenate([x.mean(0, keepdims=True), x.max(0, keepdims=True)], axis=-1)
+    return jnp.concatenate([_mean(x)[None], greatest_plane(x)[None]], axis=-1)
+
+
+def _mean(planes: Float[Array, "n ..."]) -> Float[Array, "..."]:
+    return sum_planes(planes) / len(planes)

@@ -21,6 +21,7 @@ from occjax.ops.brightness import vignetted
 from occjax.ops.filtering import box_filter, central_differences, neighbours
 from occjax.ops.matching import aperture_costs, semi_global
 from occjax.ops.noise import noise_level
+from occjax.ops.planes import greatest_plane, least_plane, softmax_planes
 from occjax.ops.refinement import median_filter, refine_disparity
 from occjax.ops.regression import cheapest, confidence
 from occjax.ops.sectors import (
@@ -146,8 +147,8 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
         large_penalty=prior.jump,
         guide_scale=prior.edge,
     )
-    aggregated = aggregated - aggregated.min(0, keepdims=True)
-    probabilities = jax.nn.softmax(-aggregated / prior.temperature, axis=0)
+    aggregated = aggregated - least_plane(aggregated)[None]
+    probabilities = softmax_planes(-aggregated / prior.temperature)
     return Search(cheapest(aggregated, candidates), aggregated, probabilities)
 
 
@@ -230,7 +231,7 @@ def propose(
     spread = jnp.stack(
         [
             0.3 * jnp.log(jnp.square(reading.standard_deviation) + 1e-3),
-            found.probabilities.max(0),
+            greatest_plane(found.probabilities),
         ]
     )
     return Proposals(grey.centre, disparity, proposed, jnp.clip(costs, 0.0, 1.0), spread)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from occjax.ops import expected_disparity
+from occjax.ops.planes import softmax_planes, sum_planes
 
 
 class StageOutput(NamedTuple):
@@ -52,7 +52,7 @@ def stage_output(
         occlusion: Handed through.
         window: Average only over candidates this near to the likeliest one.
     """
-    probabilities = jax.nn.softmax(scores, axis=0)
+    probabilities = softmax_planes(scores)
     averaged = probabilities
     if window is not None:
         values = candidates if candidates.ndim == 3 else candidates[:, None, None]
@@ -60,7 +60,7 @@ def stage_output(
         likeliest = jnp.take_along_axis(jnp.broadcast_to(values, scores.shape), likeliest, axis=0)
         near = jnp.abs(values - likeliest) <= 1.001 * window  # whatever is lost to rounding
         averaged = jnp.where(near, probabilities, 0.0)
-        averaged = averaged / averaged.sum(0, keepdims=True)
+        averaged = averaged / sum_planes(averaged)[None]
     disparity = expected_disparity(averaged, candidates)
     if before is not None:
         disparity = before + disparity

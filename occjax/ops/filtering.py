@@ -29,9 +29,14 @@ def box_filter(image: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h
         >>> box_filter(jnp.array([[0.0, 0.0, 3.0, 0.0, 0.0]]), 1)[0].tolist()
         [0.0, 1.0, 1.0, 1.0, 0.0]
     """
+    if radius == 0:
+        return image
+    padding = [(0, 0)] * (image.ndim - 2) + [(radius, radius)] * 2
+    # Padded once for both axes: what stands between the two sums would break their fusion.
+    sums = jnp.pad(image, padding, mode="edge")
     for axis in (image.ndim - 2, image.ndim - 1):
-        image = _running_mean(image, radius, axis)
-    return image
+        sums = _running_sum(sums, 2 * radius + 1, axis)
+    return sums * (1 / (2 * radius + 1) ** 2)
 
 
 def central_differences(
@@ -54,10 +59,6 @@ def central_differences(
     along_y = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
     along_x = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
     return along_y, along_x
-
-
-WINDOW = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1))
-"""A pixel and its eight neighbours, row by row."""
 
 
 def neighbours(
@@ -153,17 +154,14 @@ def fit_planes(
     return mean + slope_x * (x - x_mean) + slope_y * (y - y_mean)
 
 
-def _running_mean(image: Array, radius: int, axis: int) -> Array:
-    """Mean of the ``2 radius + 1`` neighbours along one axis.
+def _running_sum(image: Array, window: int, axis: int) -> Array:
+    """Sums of so many values along one axis; shorter than the image by one less.
 
     A sum of slices, which fuse into one pass; differences of running sums would lose precision.
     """
-    size = image.shape[axis]
-    padding = [(0, 0)] * image.ndim
-    padding[axis] = (radius, radius)
-    padded = jnp.pad(image, padding, mode="edge")
-    slices = (jax.lax.slice_in_dim(padded, k, k + size, axis=axis) for k in range(2 * radius + 1))
-    return sum(slices, jnp.zeros_like(image)) / (2 * radius + 1)
+    size = image.shape[axis] - window + 1
+    slices = (jax.lax.slice_in_dim(image, k, k + size, axis=axis) for k in range(1, window))
+    return sum(slices, jax.lax.slice_in_dim(image, 0, size, axis=axis))
 
 
 def _spread(maps: Array, keep: Array) -> Array:

@@ -11,6 +11,7 @@ half) sees past a straight occluding edge, a quarter (three sectors) past a corn
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Literal, TypeVar
 
@@ -22,6 +23,7 @@ from jaxtyping import Array, Float
 from occjax.ops.aperture import SECTORS, views_around
 from occjax.ops.filtering import box_filter
 from occjax.ops.noise import expected_departure, interpolation_gain
+from occjax.ops.planes import least_plane
 from occjax.ops.sampling import as_coordinates, as_images
 
 Aperture = Literal["half", "quarter"]
@@ -82,27 +84,32 @@ def sector_sums(
     padded = jnp.pad(
         planes, ((0, 0), (0, 0), (margin, margin + 1), (margin, margin + 1)), mode="edge"
     )
-    # One step for each feature of each view: a single pass over memory, whatever c is.
-    view, sector, offset, present = (jnp.repeat(field, c, axis=0) for field in around[1:])
-    channel = jnp.tile(jnp.arange(c, dtype=jnp.int32), len(around.view))
-    candidates, displacements = as_coordinates(candidates, -offset)
-    scale = (present.astype(truncation.dtype) / (c * truncation)[channel]).astype(features.dtype)
+    candidates, displacements = as_coordinates(candidates, -around.offset)
+    scale = jnp.where(around.present[:, None], 1 / (c * truncation[None]), 0.0).astype(
+        features.dtype
+    )
+    nothing = jnp.zeros((h, w), features.dtype)
     if noise is None:
         noise = jnp.zeros_like(truncation)
 
     @jax.checkpoint
     def plane(candidate):
-        averaged = _averaged_noise(noise, truncation, candidate * displacements, channel)
+        averaged = _averaged_noise(noise, truncation, candidate * displacements)
 
-        def add_feature(sums, step):
-            view, channel, sector, displacement, scale, averaged = step
-            shifted = _shift(padded, (view, channel), candidate * displacement, margin)
-            departure = (jnp.abs(shifted - centre[channel]) + averaged) * scale
-            return sums.at[sector].add(jnp.minimum(departure, 1 / c)), None
+        def add_view(sums, step):
+            view, sector, displacement, scale, averaged = step
+            departures = nothing
+            for channel in range(c):
+                shifted = _shift(
+                    padded, (view, np.int32(channel)), candidate * displacement, margin
+                )
+                difference = jnp.abs(shifted - centre[channel])
+                departure = (difference + averaged[channel]) * scale[channel]
+                departures = departures + jnp.minimum(departure, 1 / c)
+            return sums.at[sector].add(departures), None
 
-        start = jnp.zeros((SECTORS, h, w), features.dtype)
-        terms = (view, channel, sector, displacements, scale, averaged)
-        sums, _ = jax.lax.scan(add_feature, start, terms)
+        terms = (around.view, around.sector, displacements, scale, averaged)
+        sums, _ = jax.lax.scan(add_view, jnp.stack([nothing] * SECTORS), terms)
         return combine(sums, around.numbers.astype(features.dtype))
 
     return jax.lax.map(plane, candidates)
@@ -175,12 +182,18 @@ def best_part(
         >>> float(best_part(sums, jnp.ones(8))[0, 0])
         0.0
     """
-    parts = jnp.asarray(_parts(aperture), sums.dtype)
-    views = jnp.tensordot(parts, numbers, 1, precision="highest")
-    shares = parts / jnp.maximum(views, 1e-9)[:, None]
-    means = jnp.tensordot(shares, sums, 1, precision="highest")
+    parts = _parts(aperture)
+    views = jnp.tensordot(jnp.asarray(parts, sums.dtype), numbers, 1, precision="highest")
     # A quarter of a grid of one row may be empty.
-    return jnp.where((views > 0)[:, None, None], means, jnp.inf).min(0)
+    empty = jnp.where(views > 0, 0.0, jnp.inf).astype(sums.dtype)
+    shares = 1 / jnp.maximum(views, 1e-9)
+
+    def mean(part: int) -> Float[Array, "h w"]:
+        # Written out, all parts are one pass over memory.
+        shared = (float(share) * sums[sector] for sector, share in enumerate(parts[part]) if share)
+        return sum(shared, jnp.zeros_like(sums[0])) * shares[part] + empty[part]
+
+    return functools.reduce(jnp.minimum, map(mean, range(len(parts))))
 
 
 def semi_global(
@@ -236,7 +249,7 @@ def semi_global(
     return total / 8
 
 
-def _shift(padded: Array, plane: tuple[Array, Array], displacement: Array, margin: int) -> Array:
+def _shift(padded: Array, plane: tuple[Array, np.int32], displacement: Array, margin: int) -> Array:
     """``[h, w]`` one plane of the padded ``[k, c, ...]``, read at a displacement, bilinear.
 
     Unlike :func:`occjax.ops.shift` it reads an array that was padded once for all candidates: four
@@ -256,12 +269,12 @@ def _shift(padded: Array, plane: tuple[Array, Array], displacement: Array, margi
     return left * (1 - fraction_column) + right * fraction_column
 
 
-def _averaged_noise(noise: Array, truncation: Array, displacements: Array, channel: Array) -> Array:
-    """``[k]`` mean truncated difference that averaging by interpolation takes from noise."""
-    noise, truncation = noise[channel], truncation[channel]
+def _averaged_noise(noise: Array, truncation: Array, displacements: Array) -> Array:
+    """``[n, c]`` mean truncated difference that averaging by interpolation takes from noise."""
     remaining = jnp.sqrt(1 + interpolation_gain(displacements)).astype(noise.dtype)
     whole = expected_departure(noise * np.sqrt(2).item(), truncation)
-    return whole - expected_departure(noise * remaining, truncation)
+    left = jax.vmap(lambda deviation: expected_departure(noise * deviation, truncation))(remaining)
+    return whole[None] - left
 
 
 def _parts(aperture: Aperture) -> np.ndarray:
@@ -296,7 +309,7 @@ def _along_rows(
         jump = jnp.maximum(
             small, large * jnp.exp(-jnp.abs(guide_here - guide_before) / guide_scale)
         )
-        cheapest = path.min(0, keepdims=True)
+        cheapest = least_plane(path)[None]
         neighbour = jnp.minimum(
             jnp.concatenate([path[1:], beyond]), jnp.concatenate([beyond, path[:-1]])
         )

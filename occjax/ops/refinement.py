@@ -13,17 +13,17 @@ pixels speak for their untextured neighbours, up to the edges of image and dispa
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from occjax.ops.aperture import views_around, views_beside
 from occjax.ops.filtering import (
-    WINDOW,
     box_filter,
     central_differences,
     fit_planes,
-    neighbours,
 )
 from occjax.ops.noise import thinned
 from occjax.ops.sampling import as_images, warp_plane
@@ -130,4 +130,23 @@ def median_filter(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
         >>> float(median_filter(jnp.zeros((5, 5)).at[2, 2].set(9.0)).max())
         0.0
     """
-    return jnp.median(neighbours(image, WINDOW), axis=0)
+    padded = jnp.pad(image, 1, mode="edge")
+    low, middle, high = _sorted(padded[:-2], padded[1:-1], padded[2:])
+    # Of three sorted columns the median is that of these three.
+    largest_low = functools.reduce(jnp.maximum, _beside(low))
+    middle_middle = _sorted(*_beside(middle))[1]
+    smallest_high = functools.reduce(jnp.minimum, _beside(high))
+    return _sorted(largest_low, middle_middle, smallest_high)[1]
+
+
+def _sorted(one: Array, two: Array, three: Array) -> tuple[Array, Array, Array]:
+    """Three arrays, element by element in ascending order."""
+    one, two = jnp.minimum(one, two), jnp.maximum(one, two)
+    two, three = jnp.minimum(two, three), jnp.maximum(two, three)
+    one, two = jnp.minimum(one, two), jnp.maximum(one, two)
+    return one, two, three
+
+
+def _beside(padded: Array) -> tuple[Array, Array, Array]:
+    """Each column's neighbour to the left, itself, the one to the right."""
+    return padded[:, :-2], padded[:, 1:-1], padded[:, 2:]

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from occjax.errors import InputError
+from occjax.ops.planes import softmax_planes, sum_planes
 from occjax.ops.sampling import as_coordinates
 
 
@@ -42,7 +42,7 @@ def soft_argmin(
         0.5
     """
     costs, candidates = _volume_and_candidates(costs, candidates, "costs")
-    return (jax.nn.softmax(-costs, axis=0) * candidates).sum(0)
+    return sum_planes(softmax_planes(-costs) * candidates)
 
 
 def expected_disparity(
@@ -67,7 +67,7 @@ def expected_disparity(
         [[1.5]]
     """
     probabilities, candidates = _volume_and_candidates(probabilities, candidates, "probabilities")
-    return (probabilities * candidates).sum(0)
+    return sum_planes(probabilities * candidates)
 
 
 def cheapest(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Float[Array, "h w"]:
@@ -85,7 +85,8 @@ def cheapest(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Fl
         >>> cheapest(costs, jnp.arange(4.0)).tolist()
         [[1.5]]
     """
-    index = jnp.clip(costs.argmin(0), 1, len(candidates) - 2)
+    least = costs.argmin(0)
+    index = jnp.clip(least, 1, len(candidates) - 2)
     before, here, after = (
         jnp.take_along_axis(costs, (index + step)[None], axis=0)[0] for step in (-1, 0, 1)
     )
@@ -94,7 +95,7 @@ def cheapest(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Fl
     vertex = jnp.where(curved, (before - after) / (2 * jnp.where(curved, curvature, 1.0)), 0.0)
     spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
     # At the ends of the range the cheapest candidate is not the middle one: up to one step away.
-    at_end = costs.argmin(0) != index
+    at_end = least != index
     limit = jnp.where(at_end, 1.0, 0.5)
     return candidates[index] + jnp.clip(vertex, -limit, limit) * spacing
 
@@ -139,13 +140,13 @@ def confidence(
         [[0.5]]
     """
     probabilities, candidates = _volume_and_candidates(probabilities, candidates, "probabilities")
-    mean = (probabilities * candidates).sum(0)
-    variance = (probabilities * jnp.square(candidates - mean[None])).sum(0)
+    mean = sum_planes(probabilities * candidates)
+    variance = sum_planes(probabilities * jnp.square(candidates - mean[None]))
     spread = variance > 0
     deviation = jnp.where(spread, jnp.sqrt(jnp.where(spread, variance, 1.0)), 0.0)
     possible = probabilities > 0
     logarithm = jnp.log(jnp.where(possible, probabilities, 1.0))
-    return Confidence(deviation, -(probabilities * logarithm).sum(0))
+    return Confidence(deviation, -sum_planes(probabilities * logarithm))
 
 
 def probability_near(
@@ -178,7 +179,7 @@ def probability_near(
     """
     probabilities, candidates = _volume_and_candidates(probabilities, candidates, "probabilities")
     near = jnp.abs(candidates - disparity[None]) <= distance
-    return jnp.where(near, probabilities, 0.0).sum(0)
+    return sum_planes(jnp.where(near, probabilities, 0.0))
 
 
 def _volume_and_candidates(

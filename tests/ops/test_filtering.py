@@ -95,9 +95,3 @@ def test_neighbours_are_the_values_that_far_away_with_replicated_borders():
         for y, x in np.ndindex(4, 5):
             expected = image[np.clip(y + row, 0, 3), np.clip(x + column, 0, 4)]
             assert result[index, y, x] == expected
-
-
-def test_a_window_is_read_row_by_row():
-    image = _random(3, 3)
-    window = filtering.neighbours(image, filtering.WINDOW)[:, 1, 1]
-    np.testing.assert_array_equal(window, image.ravel())
