@@ -15,6 +15,10 @@ from occjax.io.submission import SCENES, SIZE
 VIEWS = 81
 CENTRE = 40
 
+MASKS = "additional_invalid_area"
+"""Folder that published trainings keep beside the scenes: masks of some, in folders of their names.
+"""
+
 
 def check_names(scenes: Iterable[str]) -> None:
     """Refuse what is no scene of the benchmark, or named twice.
@@ -48,9 +52,8 @@ def find_scene(folder: Path, scene: str) -> Path | None:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; check the path")
-    places = [
-        path for path in (folder / scene, *sorted(folder.glob(f"*/{scene}"))) if path.is_dir()
-    ]
+    below = (path for path in sorted(folder.glob(f"*/{scene}")) if path.parent.name != MASKS)
+    places = [path for path in (folder / scene, *below) if path.is_dir()]
     if len(places) > 1:
         listed = " and ".join(str(path) for path in places)
         raise InputError(f"{folder}: has the scene {scene} as {listed}; remove one of them")
