@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments.figure_panels import Panel, panel_figure, rgb, shrink_step
 from occjax.errors import InputError
-from occjax.lightfield import GREY_WEIGHTS, LightField, to_unit_float
+from occjax.lightfield import LightField, to_grey, to_unit_float
 from occjax.ops import occlusion_maps, occlusion_weights, warp_views
 from occjax.viz.canvas import whole_zoom
 
@@ -26,6 +26,9 @@ STEP = 0.15
 
 CLEAR = 0.1
 """Value of an occlusion map beyond which a view is counted as occluded."""
+
+OCCLUDED = (0.17, 0.45, 0.85)
+"""Colour of occluded views where they are left out."""
 
 
 class Patches(NamedTuple):
@@ -54,7 +57,6 @@ def angular_patches(light_field: LightField, disparity: np.ndarray) -> Patches:
     offsets = light_field.positions
     offsets = None if offsets is None else jnp.asarray(offsets)
     disparity = jnp.asarray(disparity, jnp.float32)
-    # A row of views at a time: all of them in float colours would be gigabytes of temporaries.
     colour = np.asarray(
         jax.jit(lambda views: warp_views(views, disparity, offsets=offsets))(
             jnp.asarray(light_field.floating())
@@ -64,7 +66,7 @@ def angular_patches(light_field: LightField, disparity: np.ndarray) -> Patches:
     maps = np.asarray(
         jax.jit(lambda views: occlusion_maps(views, disparity, offsets=offsets))(grey_views)
     )
-    grey = colour[..., 0] if colour.shape[-1] == 1 else colour @ np.float32(GREY_WEIGHTS)
+    grey = to_grey(colour)
     weights = np.asarray(occlusion_weights(maps))
     return Patches(colour, maps, deviation(grey), deviation(grey, weights))
 
@@ -96,8 +98,8 @@ def choose_points(
     """An unoccluded point A and an occluded point B.
 
     B is where, behind something nearer, the occlusion map takes most away from the deviation. A is
-    where the centre view has most texture among the points far from anything nearer that half of
-    the image's points exceed in deviation.
+    where the centre view has most texture, on a surface without a step nearby, among the points
+    whose deviation is at most the median.
 
     Args:
         disparity: ``[H, W]`` of the centre view, finite.
@@ -110,11 +112,12 @@ def choose_points(
     Raises:
         InputError: If nothing stands in front of anything.
     """
-    nearer = _highest_around(disparity, AROUND) - disparity
+    highest, lowest = _highest_around(disparity, AROUND), -_highest_around(-disparity, AROUND)
     border = min(BORDER, min(disparity.shape) // 8)
     inside = np.zeros(disparity.shape, bool)
     inside[border : disparity.shape[0] - border, border : disparity.shape[1] - border] = True
-    behind, free = inside & (nearer > STEP), inside & (nearer < STEP / 3)
+    behind = inside & (highest - disparity > STEP)
+    free = inside & (highest - lowest < STEP)
     if not behind.any() or not free.any():
         raise InputError(
             "no point lies behind another one, so none is occluded; pass --points with two points"
@@ -147,21 +150,22 @@ def patches_figure(
     marks = [(name, (y // step, x // step)) for name, (y, x) in zip("AB", points, strict=True)]
     shown = rgb(centre[::step, ::step])
     rows = [[Panel("Centre view", shown, whole_zoom(shown.shape[:2]), points=marks)]]
-    scale = max(4, 190 // max(light_field.grid))
+    scale = max(4, 220 // max(light_field.grid))
     for name, (y, x) in zip("AB", points, strict=True):
         seen, maps = patches.colour[:, :, y, x], patches.occlusion[:, :, y, x]
-        share = np.mean(maps > CLEAR)
+        share, plain = np.mean(maps > CLEAR), patches.deviation[y, x]
+        kept = seen * np.asarray(occlusion_weights(maps))[..., None]
+        clear = np.where((maps > CLEAR)[..., None], OCCLUDED, rgb(seen))
+        grey = to_grey(seen)
+        remaining = deviation(grey, (maps <= CLEAR).astype(np.float32))
         rows.append(
             [
+                Panel(f"{name}: angular patch, STD {plain:.4f}", rgb(seen), scale),
                 Panel(
-                    f"{name}: angular patch, STD {patches.deviation[y, x]:.4f}", rgb(seen), scale
+                    f"{name}: occlusion map, M > {CLEAR} {share:.0%}", rgb(maps[..., None]), scale
                 ),
-                Panel(f"{name}: occlusion map, {share:.0%} of views", rgb(maps[..., None]), scale),
-                Panel(
-                    f"{name}: weighted by map, STD {patches.weighted[y, x]:.4f}",
-                    rgb(seen * np.asarray(occlusion_weights(maps))[..., None]),
-                    scale,
-                ),
+                Panel(f"{name}: weighted, STD {patches.weighted[y, x]:.4f}", rgb(kept), scale),
+                Panel(f"{name}: only M <= {CLEAR}, STD {remaining:.4f}", clear, scale),
             ]
         )
     return panel_figure(rows, note)

@@ -26,7 +26,8 @@ picture. BadPix maps and errors need ground truth.
 
 Cost: a minute or two for 9x9 views of 512x512 pixels on two cores with ``light``; the paper's
 network, by its weights, is made for a GPU. Expected: B's deviation is several times that of A and
-falls with its occlusion map; the last stage has far fewer bad pixels than the first.
+falls with its occlusion map, though eq. 6 weighs occluded views less rather than leaving them out
+(the last column does); the last stage has far fewer bad pixels than the first.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.evaluation import read_disparity
 from occjax.inference import MODELS, Estimate, Estimator
-from occjax.inference.outputs import compare
+from occjax.inference.outputs import compare as measured
 from occjax.io.atomic import check_writable
 from occjax.io.mosaics import join_macpi, join_tiles
 from occjax.lightfield import LightField, to_grey, to_unit_float
@@ -73,6 +74,9 @@ from occjax.viz.figures import BAD, error_picture, error_scale
 
 SMALL = 64
 """Side of the small form's cut-out of the bundled sample, in pixels."""
+
+GAP, EPI_LINE = 2, 6
+"""Pixels between sub-aperture images, and height of a view's line of an epipolar plane image."""
 
 Maps = Mapping[str, np.ndarray]
 """Disparity ``[H, W]`` of each method or stage by its name."""
@@ -128,12 +132,12 @@ def run(
     )
     try:
         chosen = chosen or choose_points(disparity, to_grey(light_field.centre), patches)
-        note = f"Refocused on the {source}. STD of grey in [0, 1]; weights are (1 - M)^2."
+        note = f"Refocused on the {source}. M: occlusion map; STD of grey; weights (1 - M)^2."
         pictures["angular_patches"] = patches_figure(light_field, patches, chosen, note)
     except InputError as error:
         print(f"angular_patches.png is left out: {error}")
     stages = {} if estimate.coarse is None else {"first stage": estimate.coarse}
-    stages["last stage" if stages else estimator] = estimate.disparity
+    stages["last stage" if stages else short(estimator)] = estimate.disparity
     pictures["stages"] = maps_figure(light_field, stages, estimate.confidence, binary=True)
     other = (
         made[without](light_field, disparity_range=disparity_range)
@@ -143,7 +147,8 @@ def run(
     if other is None:
         print(f"occlusion.png is left out: {estimator} has no occlusion maps; see --without")
     else:
-        both = {"without occlusion maps": other.disparity, "with": estimate.disparity}
+        names = ("without", "with occlusion maps") if without is None else (without, estimator)
+        both = dict(zip(map(short, names), (other.disparity, estimate.disparity), strict=True))
         pictures["occlusion"] = maps_figure(light_field, both, estimate.confidence)
     if maps:
         pictures["methods"] = maps_figure(light_field, maps)
@@ -200,23 +205,53 @@ def light_field_figure(light_field: LightField) -> Figure:
     """
     (rows, columns), (height, width) = light_field.grid, light_field.image_size
     step = -(-max(rows * height, columns * width) // 648)
-    tiles = join_tiles(to_unit_float(light_field.views[:, :, ::step, ::step]))
     y, x = height // 2, width // 2
-    stretch = 5
-    across = to_unit_float(light_field.views[rows // 2, :, y]).repeat(stretch, axis=0)
-    down = to_unit_float(light_field.views[:, columns // 2, :, x]).repeat(stretch, axis=0)
+    across, down = light_field.views[rows // 2, :, y], light_field.views[:, columns // 2, :, x]
     side = max(1, 216 // max(rows, columns))
     lenses = join_macpi(
         to_unit_float(light_field.views[:, :, *window(y, x, side, (height, width))])
     )
     return panel_figure(
         [
-            [Panel(f"(a) {rows}x{columns} sub-aperture images", rgb(tiles))],
-            [Panel(f"(b) epipolar plane image of row {y}: column across, u down", rgb(across))],
-            [Panel(f"(b) epipolar plane image of column {x}: row across, v down", rgb(down))],
+            [
+                Panel(
+                    f"(a) {rows}x{columns} sub-aperture images", rgb(tiled(light_field.views, step))
+                )
+            ],
+            [Panel(f"(b) epipolar plane image of row {y}: column across, u down", *epi(across))],
+            [Panel(f"(b) epipolar plane image of column {x}: row across, v down", *epi(down))],
             [Panel(f"(c) macro-pixel image of {side}x{side} pixels in the middle", rgb(lenses), 2)],
         ]
     )
+
+
+def tiled(views: np.ndarray, step: int) -> np.ndarray:
+    """All views in one image, ``step`` x ``step`` pixels averaged, with gaps between the views.
+
+    Args:
+        views: ``[V, U, H, W, C]`` as stored.
+        step: 1 or more.
+
+    Returns:
+        ``[rows, columns, C]`` in [0, 1].
+    """
+    v, u, h, w, c = views.shape
+    rows, columns = max(1, h // step), max(1, w // step)
+    small = [
+        to_unit_float(view)[: rows * step, : columns * step]
+        .reshape(rows, min(step, h), columns, min(step, w), c)
+        .mean((1, 3))
+        for view in views.reshape(v * u, h, w, c)
+    ]
+    gap = [(0, 0), (0, 0), (0, GAP), (0, GAP), (0, 0)]
+    separate = np.pad(np.reshape(small, (v, u, rows, columns, c)), gap, constant_values=1.0)
+    return join_tiles(separate)[:-GAP, :-GAP]
+
+
+def epi(line: np.ndarray) -> tuple[np.ndarray, int]:
+    """An epipolar plane image ``[views, pixels, C]``, stretched, and the zoom to show it at."""
+    zoom = whole_zoom(line.shape[:2])
+    return rgb(to_unit_float(line).repeat(max(1, EPI_LINE // zoom), axis=0)), zoom
 
 
 def window(y: int, x: int, side: int, size: tuple[int, int]) -> tuple[slice, slice]:
@@ -271,6 +306,11 @@ def maps_figure(
     return panel_figure([above, with_bar(below, bar)], note)
 
 
+def short(name: str) -> str:
+    """The end of a long name."""
+    return name if len(name) <= 30 else f"...{name[-27:]}"
+
+
 def with_bar(panels: Sequence[Panel], bar: Bar) -> list[Panel]:
     """The panels, the last with a colour bar."""
     return [*panels[:-1], replace(panels[-1], bar=bar)]
@@ -278,7 +318,7 @@ def with_bar(panels: Sequence[Panel], bar: Bar) -> list[Panel]:
 
 def scores(disparity: np.ndarray, truth: np.ndarray) -> str:
     """BadPix and MSE as the corner of an error map has them."""
-    metrics = compare(disparity, truth)
+    metrics = measured(disparity, truth)
     if metrics is None:
         return ""
     bad = (f"BadPix {threshold:g}: {metrics.badpix[threshold]:.2f} %" for threshold in (0.07, 0.03))

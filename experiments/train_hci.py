@@ -9,15 +9,15 @@ ground truth is public, to validate on, as its archives unpack (``additional/ant
 The published training leaves out the reflective regions of kitchen, museum and vinyl. They are
 masked by ``mask.png`` in the scene's folder, not black where it is masked; or by the images that
 published trainings share, ``additional_invalid_area/<scene>/*.png``, opaque where it is masked,
-in HCI or anywhere else with ``--masks FOLDER``. ``--without-masks`` trains though some are missing.
+in HCI or anywhere with ``--masks FOLDER``. ``--without-masks`` trains though some are missing.
 
-Cost: 480,000 steps of 32 patches, for a GPU. After every 4000 steps the eight scenes are validated as
-whole images; ``training/best.safetensors`` is the one with the least mean BadPix 0.07. At the end,
-or when the time is up, it is scored again, as whole images and as the published code did: nine
-crops of half the size (256 pixels), a quarter (128) apart, whose disparities are averaged where
-they overlap. Both are printed and written as ``scores.md``, beside what the paper's ablation says,
-which is what to expect: BadPix 0.07 of 1.733 and MSE x100 of 0.762. Nobody has run this at full
-size yet. The small form shows nothing but that it runs.
+Cost: 480,000 steps of 32 patches, for a GPU. After every 4000 steps the eight scenes are validated
+as whole images; ``training/best.safetensors`` has the least mean BadPix 0.07. At the end, or when
+the time is up, it is scored again, as whole images and as the published code did: nine crops of
+half the size (256 pixels), a quarter (128) apart, whose disparities are averaged where they
+overlap. Both are printed and written as ``scores.md``, beside what the paper's ablation says, which
+is what to expect: BadPix 0.07 of 1.733 and MSE x100 of 0.762. Nobody has run this at full size yet.
+The small form shows nothing but that it runs.
 """
 
 from __future__ import annotations
