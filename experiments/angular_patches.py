@@ -36,13 +36,15 @@ class Patches(NamedTuple):
 
     Attributes:
         colour: ``[v, u, h, w, c]`` views warped to the centre view by its disparity.
-        occlusion: ``[v, u, h, w]`` occlusion maps.
+        occlusion: ``[v, u, h, w]`` occlusion maps M.
+        weights: ``[v, u, h, w]`` weights of the views, ``(1 - M)^2``.
         deviation: ``[h, w]`` standard deviation of each point's grey over the views.
-        weighted: ``[h, w]`` the same, views weighted by ``(1 - M)^2`` of their occlusion maps.
+        weighted: ``[h, w]`` the same of the weighted views.
     """
 
     colour: np.ndarray
     occlusion: np.ndarray
+    weights: np.ndarray
     deviation: np.ndarray
     weighted: np.ndarray
 
@@ -63,12 +65,9 @@ def angular_patches(light_field: LightField, disparity: np.ndarray) -> Patches:
         )
     )
     grey_views = jnp.asarray(light_field.grey())[..., None]
-    maps = np.asarray(
-        jax.jit(lambda views: occlusion_maps(views, disparity, offsets=offsets))(grey_views)
-    )
-    grey = to_grey(colour)
-    weights = np.asarray(occlusion_weights(maps))
-    return Patches(colour, maps, deviation(grey), deviation(grey, weights))
+    maps = jax.jit(lambda views: occlusion_maps(views, disparity, offsets=offsets))(grey_views)
+    grey, weights = to_grey(colour), np.asarray(occlusion_weights(maps))
+    return Patches(colour, np.asarray(maps), weights, deviation(grey), deviation(grey, weights))
 
 
 def deviation(grey: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
@@ -154,10 +153,9 @@ def patches_figure(
     for name, (y, x) in zip("AB", points, strict=True):
         seen, maps = patches.colour[:, :, y, x], patches.occlusion[:, :, y, x]
         share, plain = np.mean(maps > CLEAR), patches.deviation[y, x]
-        kept = seen * np.asarray(occlusion_weights(maps))[..., None]
+        kept = seen * patches.weights[:, :, y, x, None]
         clear = np.where((maps > CLEAR)[..., None], OCCLUDED, rgb(seen))
-        grey = to_grey(seen)
-        remaining = deviation(grey, (maps <= CLEAR).astype(np.float32))
+        remaining = deviation(to_grey(seen), (maps <= CLEAR).astype(np.float32))
         rows.append(
             [
                 Panel(f"{name}: angular patch, STD {plain:.4f}", rgb(seen), scale),

@@ -43,9 +43,8 @@ from occjax.data.scenes import GROUND_TRUTH, MASK, load_scenes
 from occjax.data.scenes import Scene as TrainingScene
 from occjax.errors import InputError
 from occjax.evaluation import evaluate
-from occjax.io import write_pfm
+from occjax.io import read_image, write_pfm
 from occjax.io.atomic import atomic_path, check_writable
-from occjax.io.files import reading
 from occjax.io.submission import STRATIFIED, TRAINING
 from occjax.models import load_weights
 from occjax.training import Recipe, Scene, recipe, scenes_from_folders, train, validate
@@ -199,8 +198,8 @@ def with_mask(scene: TrainingScene, path: Path | None) -> TrainingScene:
     """
     if path is None:
         return scene
-    with reading(path):
-        image = Image.open(path)
+    read_image(path)  # whatever is no image is refused, in words for people
+    with Image.open(path) as image:
         opacity = image.getchannel("A") if "A" in image.getbands() else image.convert("L")
         masked = np.asarray(opacity) > 0
     if masked.shape != scene.disparity.shape:

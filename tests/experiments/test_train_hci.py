@@ -85,30 +85,31 @@ def test_scenes_without_ground_truth_are_named(tmp_path):
 
 
 def test_masks_are_found_beside_the_scenes_or_in_them(tmp_path):
-    places = folders(tmp_path)
+    hci = tmp_path / "hci"
+    places = folders(hci)
     with pytest.raises(InputError, match="kitchen, museum, vinyl have reflective regions"):
-        train_hci.mask_files(tmp_path, places, None)
-    assert train_hci.mask_files(tmp_path, places, None, needed=False) == {}
+        train_hci.mask_files(hci, places, None)
+    assert train_hci.mask_files(hci, places, None, needed=False) == {}
     (places["museum"] / "mask.png").touch()
-    for folder in (tmp_path / "additional_invalid_area", tmp_path / "elsewhere"):
+    for folder in (hci / "additional_invalid_area", tmp_path / "elsewhere"):
         for name in ("kitchen", "vinyl"):
             (folder / name).mkdir(parents=True)
             (folder / name / "invalid.png").touch()
     for masks in (None, tmp_path / "elsewhere"):
-        found = train_hci.mask_files(tmp_path, places, masks)
-        folder = masks or tmp_path / "additional_invalid_area"
+        found = train_hci.mask_files(hci, places, masks)
+        folder = masks or hci / "additional_invalid_area"
         assert found == {
             "kitchen": folder / "kitchen/invalid.png",
             "museum": places["museum"] / "mask.png",
             "vinyl": folder / "vinyl/invalid.png",
         }
     # The masks' folders are not taken for the scenes.
-    assert train_hci.places_of(tmp_path, ADDITIONAL)["kitchen"] == places["kitchen"]
+    assert train_hci.places_of(hci, ADDITIONAL)["kitchen"] == places["kitchen"]
     (tmp_path / "elsewhere/vinyl/other.png").touch()
     with pytest.raises(InputError, match="has 2 images"):
-        train_hci.mask_files(tmp_path, places, tmp_path / "elsewhere")
+        train_hci.mask_files(hci, places, tmp_path / "elsewhere")
     with pytest.raises(InputError, match="no such folder of masks"):
-        train_hci.mask_files(tmp_path, places, tmp_path / "absent")
+        train_hci.mask_files(hci, places, tmp_path / "absent")
 
 
 def test_opaque_pixels_are_masked(tmp_path):
@@ -129,8 +130,8 @@ def test_opaque_pixels_are_masked(tmp_path):
     imageio.imwrite(tmp_path / "g.png", grey)
     np.testing.assert_array_equal(train_hci.with_mask(scene, tmp_path / "g.png").valid, expected)
     assert train_hci.with_mask(scene, None) is scene
+    small = dataclasses.replace(scene, disparity=np.zeros((2, 2)), valid=np.ones((2, 2), bool))
     with pytest.raises(InputError, match=r"is \[4, 5\] but the views are \[2, 2\]"):
-        small = dataclasses.replace(scene, disparity=np.zeros((2, 2)), valid=np.ones((2, 2), bool))
         train_hci.with_mask(small, tmp_path / "g.png")
     (tmp_path / "b.png").write_bytes(b"no image")
     with pytest.raises(InputError, match=r"b\.png"):
