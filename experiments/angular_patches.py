@@ -56,16 +56,17 @@ def angular_patches(light_field: LightField, disparity: np.ndarray) -> Patches:
         light_field: The views.
         disparity: ``[H, W]`` of the centre view, finite, pixels per view step.
     """
-    offsets = light_field.positions
-    offsets = None if offsets is None else jnp.asarray(offsets)
-    disparity = jnp.asarray(disparity, jnp.float32)
+    positions = light_field.positions
+    offsets = None if positions is None else jnp.asarray(positions)
+    refocused = jnp.asarray(disparity, jnp.float32)
     colour = np.asarray(
-        jax.jit(lambda views: warp_views(views, disparity, offsets=offsets))(
+        jax.jit(lambda views: warp_views(views, refocused, offsets=offsets))(
             jnp.asarray(light_field.floating())
         )
     )
-    grey_views = jnp.asarray(light_field.grey())[..., None]
-    maps = jax.jit(lambda views: occlusion_maps(views, disparity, offsets=offsets))(grey_views)
+    maps = jax.jit(lambda views: occlusion_maps(views, refocused, offsets=offsets))(
+        jnp.asarray(light_field.grey())[..., None]
+    )
     grey, weights = to_grey(colour), np.asarray(occlusion_weights(maps))
     return Patches(colour, np.asarray(maps), weights, deviation(grey), deviation(grey, weights))
 

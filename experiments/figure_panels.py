@@ -157,8 +157,8 @@ def _draw(canvas: Canvas, panel: Panel, left: int, top: int) -> None:
         )
     if panel.bar:
         bar = panel.bar
-        place = (left + width + GAP, top + LINE, BAR_WIDTH, height)
-        canvas.bar(bar.norm, bar.colours, bar.label, place, cut=bar.cut)
+        rectangle = (left + width + GAP, top + LINE, BAR_WIDTH, height)
+        canvas.bar(bar.norm, bar.colours, bar.label, rectangle, cut=bar.cut)
 
 
 def _mark(axes: Axes, letter: str, place: tuple[int, int]) -> None:

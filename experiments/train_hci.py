@@ -89,6 +89,8 @@ def run(
         raise InputError("give the folder of the benchmark's scenes, or --small alone")
     check_writable(output)
     folder = output / "training"
+    learnt: tuple[str, ...]
+    held_out: tuple[str, ...]
     if hci is None:
         hci = output / "scenes"
         write_small_scenes(hci)
