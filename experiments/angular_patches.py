@@ -161,7 +161,7 @@ def patches_figure(
             [
                 Panel(f"{name}: angular patch, STD {plain:.4f}", rgb(seen), scale),
                 Panel(
-                    f"{name}: occlusion map, M > {CLEAR} {share:.0%}", rgb(maps[..., None]), scale
+                    f"{name}: occlusion map, > {CLEAR} in {share:.0%}", rgb(maps[..., None]), scale
                 ),
                 Panel(f"{name}: weighted, STD {patches.weighted[y, x]:.4f}", rgb(kept), scale),
                 Panel(f"{name}: only M <= {CLEAR}, STD {remaining:.4f}", clear, scale),
