@@ -29,20 +29,10 @@ from typing import Annotated
 import tyro
 
 from experiments.command_line import main
+from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
-from experiments.paper_training import (
-    HELD_OUT,
-    RecipeName,
-    Row,
-    base_recipe,
-    done_rows,
-    scenes_to_score,
-    small_recipe,
-    small_row,
-    train_rows,
-)
-from experiments.training_rows import Scores
-from occjax.errors import InputError
+from experiments.paper_training import Row, Training
+from experiments.training_rows import Scores, chosen
 from occjax.models import preset
 
 ROWS: Mapping[str, Row] = MappingProxyType(
@@ -79,57 +69,31 @@ def table(results: Mapping[str, Scores]) -> str:
     """
     head = ["about", "row", "candidates", "intervals"]
     head += ["BadPix 0.07", "paper's table 3", "MSE x100", "paper's table 3"]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    lines = []
     for group, names in GROUPS.items():
         for name in names:
             row = ROWS[name]
             scores, paper = results.get(name, {}), row.published
-            cells = [
-                *(group, f"`{name}`"),
-                *(candidate_numbers(row.network), candidate_intervals(row.network)),
-                *(_number(scores.get("badpix_0.07")), _number(paper and paper.badpix)),
-                *(_number(scores.get("mse_x100")), _number(paper and paper.mse)),
-            ]
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            lines.append(
+                [
+                    *(group, f"`{name}`"),
+                    *(candidate_numbers(row.network), candidate_intervals(row.network)),
+                    *(_number(scores.get("badpix_0.07")), _number(paper and paper.badpix)),
+                    *(_number(scores.get("mse_x100")), _number(paper and paper.mse)),
+                ]
+            )
+    return markdown_table(head, lines)
 
 
 def run(
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
-    data: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Scenes to train on, or folders of them.")
-    ] = (),
-    validate: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.", metavar="SCENE")
-    ] = (),
-    recipe: Annotated[RecipeName, tyro.conf.arg(help="How each row is trained.")] = "published",
-    steps: Annotated[
-        int | None, tyro.conf.arg(help="Steps of each row in place of the recipe's.")
-    ] = None,
     rows: Annotated[tuple[str, ...], tyro.conf.arg(help="Which rows; all by default.")] = (),
-    show: Annotated[
-        bool, tyro.conf.arg(help="Train nothing, print the rows that are done.")
-    ] = False,
-    small: Annotated[bool, tyro.conf.arg(help="Two steps of small networks.")] = False,
+    training: tyro.conf.OmitArgPrefixes[Training] = Training(),
 ) -> dict[str, Scores]:
     """Train every row, print the table beside the paper's and return the scores by row."""
-    chosen = {name: _row(name) for name in rows or ROWS}
-    if show:
-        results = done_rows(folder, chosen)
-    else:
-        base = small_recipe() if small else base_recipe(recipe, data=data, steps=steps)
-        if small:
-            chosen = {name: small_row(row) for name, row in chosen.items()}
-        scenes = scenes_to_score(base, validate, chosen, held_out=1 if small else HELD_OUT)
-        results = train_rows(base, chosen, folder, scenes)
+    results = training.scores(training.sized(chosen(rows, ROWS)), folder)
     print(table(results))
     return results
-
-
-def _row(name: str) -> Row:
-    if name not in ROWS:
-        raise InputError(f"there is no row named {name!r}; there are {', '.join(ROWS)}")
-    return ROWS[name]
 
 
 def _number(value: float | None) -> str:
@@ -137,4 +101,4 @@ def _number(value: float | None) -> str:
 
 
 if __name__ == "__main__":
-    main(run)
+    main(run, __doc__)

@@ -28,10 +28,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import tyro
 from tyro.conf import Positional, arg
 
-from experiments.commands import exit_with
+from experiments.command_line import main
 from experiments.hci_scenes import find_scene
 from experiments.score_tables import Table, latex, markdown, picture, rounding
 from occjax.cli.options import option
@@ -69,13 +68,7 @@ def run(
     ] = (),
     truth: Annotated[Path | None, option("Folder of the benchmark's scenes.", "HCI")] = None,
     output: Annotated[
-        Path | None,
-        arg(
-            aliases=["-o"],
-            metavar="FOLDER",
-            help_behavior_hint="",
-            help="Write benchmark_table.md, .tex and .png there.",
-        ),
+        Path | None, option("Write benchmark_table.md, .tex and .png there.", "FOLDER", "-o")
     ] = None,
     small: Annotated[bool, arg(help="Measure maps whose scores are known.")] = False,
 ) -> int:
@@ -222,4 +215,4 @@ def _known() -> tuple[dict[str, Scores], list[str]]:
 
 
 if __name__ == "__main__":
-    exit_with(lambda: tyro.cli(run, description=__doc__))
+    main(run, __doc__)

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
 
 import tyro
+from tyro.extras import subcommand_cli_from_dict
 
-from occjax.errors import InputError
+from occjax.cli.running import exit_with
+
+Command = Callable[..., Any]
+"""Its parameters are the options. If it returns a whole number, that is the exit code."""
 
 
-def main(run: Callable[..., Any]) -> None:
-    """Call a function with the options of the command line.
+def main(run: Command | Mapping[str, Command], description: str | None) -> NoReturn:
+    """Call a function with the options of the command line, and exit.
 
     Args:
-        run: Whose parameters are the options.
+        run: The function, or several by the name of a command.
+        description: For ``--help``.
     """
-    try:
-        tyro.cli(run)
-    except InputError as error:
-        print(f"{sys.argv[0]}: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    spec = sys.modules["__main__"].__spec__
+    prog = None if spec is None else f"python -m {spec.name}"
+
+    def command() -> int:
+        if isinstance(run, Mapping):
+            result = subcommand_cli_from_dict(dict(run), prog=prog, description=description)
+        else:
+            result = tyro.cli(run, prog=prog, description=description)
+        return result if isinstance(result, int) else 0
+
+    exit_with(command)

@@ -12,16 +12,17 @@ Cost: seconds. Expected: ``scores.md``, which is printed too, ``radar.png``, and
 
 from __future__ import annotations
 
-import sys
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from experiments.command_line import main
+from experiments.markdown import markdown_table
 from occjax.errors import InputError
 from occjax.evaluation import BORDER, SceneScores, evaluate_scene, read_disparity
-from occjax.io import read_pfm
+from occjax.io import atomic_path, read_pfm
 from occjax.viz import pairwise_figure, radar_figure, save
 
 
@@ -42,14 +43,10 @@ def table(scores: dict[str, SceneScores]) -> str:
     """Measures as a Markdown table, one method a column."""
     names = dict.fromkeys(name for one in scores.values() for name in one.values)
     rows = [
-        f"| {name} | "
-        + " | ".join(f"{s.values[name]:.3f}" if name in s.values else "-" for s in scores.values())
-        + " |"
+        [name, *(f"{s.values[name]:.3f}" if name in s.values else "-" for s in scores.values())]
         for name in names
     ]
-    return "\n".join(
-        [f"| measure | {' | '.join(scores)} |", "|---" * (1 + len(scores)) + "|", *rows]
-    )
+    return markdown_table(["measure", *scores], rows)
 
 
 def run(
@@ -57,14 +54,16 @@ def run(
     estimates: tyro.conf.Positional[
         Annotated[tuple[str, ...], tyro.conf.arg(help="NAME=ESTIMATE, at least one.")]
     ],
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], help="Folder of the results.")],
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER", help="Folder of the results.")
+    ],
     border: Annotated[int, tyro.conf.arg(help="Pixels left out at each side.")] = BORDER,
 ) -> dict[str, SceneScores]:
     """Write the table and the pictures, print the table, and return the scores by method."""
     paths = named(estimates)
     scores = {name: evaluate_scene(scene, path, border=border) for name, path in paths.items()}
-    output.mkdir(parents=True, exist_ok=True)
-    (output / "scores.md").write_text(table(scores) + "\n")
+    with atomic_path(output / "scores.md") as temporary:
+        temporary.write_text(table(scores) + "\n", encoding="utf-8")
     title = f"{scene.resolve().name}: inside is better, the numbers are those of the rim"
     save(radar_figure({n: s.values for n, s in scores.items()}, title=title), output / "radar.png")
     truth = read_pfm(scene / "gt_disp_lowres.pfm")
@@ -79,7 +78,4 @@ def run(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(run)
-    except InputError as error:
-        sys.exit(f"compare_methods: {error}")
+    main(run, __doc__)

@@ -27,6 +27,7 @@ import tyro
 from tqdm import tqdm
 
 from experiments.command_line import main
+from experiments.markdown import markdown_table
 from experiments.measuring import Measured, measure
 from experiments.networks import (
     TABLE_2,
@@ -110,7 +111,7 @@ def table(rows: Sequence[Row]) -> str:
         *("network", "preset", "candidates", "intervals", "parameters", "paper"),
         *("FLOPs", "paper", "by XLA", "formula without padding", "seconds", "paper", "peak memory"),
     ]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    lines = []
     for row in rows:
         paper, measured = row.published, row.measured
         cells = [
@@ -128,8 +129,8 @@ def table(rows: Sequence[Row]) -> str:
             f"{paper.seconds}" if paper and paper.seconds else "",
             f"{measured.memory / 1e9:.2f} GB" if measured else "",
         ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return markdown_table(head, lines)
 
 
 def deviations(rows: Sequence[Row]) -> list[str]:
@@ -211,4 +212,4 @@ def _conclusion(rows: Sequence[Row]) -> str:
 
 
 if __name__ == "__main__":
-    main(run)
+    main(run, __doc__)

@@ -30,20 +30,12 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from experiments.command_line import main
+from experiments.markdown import markdown_table
 from experiments.measuring import Measured, measure
-from experiments.paper_training import (
-    HELD_OUT,
-    RecipeName,
-    Row,
-    base_recipe,
-    done_rows,
-    scenes_to_score,
-    small_recipe,
-    small_row,
-    train_rows,
-)
+from experiments.paper_training import Row, Training
 from experiments.training_rows import Scores, slug
 from occjax.errors import InputError
+from occjax.evaluation import BORDER
 from occjax.models import NetworkConfig, load_weights, preset, sampled
 from occjax.models.work import count_flops
 from occjax.training import TrainConfig, scenes_from_folders
@@ -161,16 +153,16 @@ def table(points: Sequence[Point]) -> str:
         The table, with a line feed between its lines.
     """
     head = ["interval", "candidates", *PANELS, "peak memory"]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for point in points:
-        cells = [
+    rows = [
+        [
             _fraction(point.interval),
             str(point.candidates),
             *("" if value is None else f"{value:#.3g}" for value in point.values),
             f"{point.measured.memory / 1e9:.2f} GB" if point.measured else "",
         ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        for point in points
+    ]
+    return markdown_table(head, rows)
 
 
 def figure(points: Sequence[Point]) -> Figure:
@@ -206,25 +198,13 @@ def figure(points: Sequence[Point]) -> Figure:
 
 def run(
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
-    data: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Scenes to train on, or folders of them.")
-    ] = (),
-    validate: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.", metavar="SCENE")
-    ] = (),
+    training: tyro.conf.OmitArgPrefixes[Training] = Training(),
     weights: Annotated[
         tuple[Path, ...], tyro.conf.arg(help="Score these, train nothing.", metavar="FILE")
     ] = (),
     intervals: Annotated[
         tuple[float, ...], tyro.conf.arg(help="Distances of neighbouring candidates.")
     ] = INTERVALS,
-    recipe: Annotated[RecipeName, tyro.conf.arg(help="How each row is trained.")] = "published",
-    steps: Annotated[
-        int | None, tyro.conf.arg(help="Steps of each row in place of the recipe's.")
-    ] = None,
-    show: Annotated[
-        bool, tyro.conf.arg(help="Train nothing, show the rows that are done.")
-    ] = False,
     time: Annotated[
         bool, tyro.conf.arg(help="Run every network, for its time and memory.")
     ] = False,
@@ -232,29 +212,22 @@ def run(
     size: Annotated[
         int, tyro.conf.arg(help="Height and width of the views for FLOPs and time, pixels.")
     ] = 256,
-    small: Annotated[
-        bool, tyro.conf.arg(help="Two steps of small networks, and 32 pixels.")
-    ] = False,
 ) -> list[Point]:
     """Train or read every interval, print the table, draw the figure and return the points."""
-    if small:
+    if training.small:
         size, repeats = 32, 1
     rows = {f"interval_{slug(_fraction(each))}": Row(with_interval(each)) for each in intervals}
-    if small:
-        rows = {name: small_row(row) for name, row in rows.items()}
+    rows = training.sized(rows)
     networks = {name: row.network for name, row in rows.items()}
     if weights:
-        networks, scores = score_weights(weights, validate, border=4 if small else 15)
+        border = 4 if training.small else BORDER
+        networks, scores = score_weights(weights, training.validate, border)
     measured = {}
     if time:  # before this process takes a GPU
         for name, network in tqdm(networks.items(), unit="network", disable=None):
             measured[name] = measure(network, size, repeats=repeats)
-    if show:
-        scores = done_rows(folder, rows)
-    elif not weights:
-        base = small_recipe() if small else base_recipe(recipe, data=data, steps=steps)
-        scenes = scenes_to_score(base, validate, rows, held_out=1 if small else HELD_OUT)
-        scores = train_rows(base, rows, folder, scenes)
+    if not weights:
+        scores = training.scores(rows, folder)
     points = [
         Point(network, count_flops(network, (size, size)), scores.get(name, {}), measured.get(name))
         for name, network in networks.items()
@@ -270,4 +243,4 @@ def _fraction(value: float) -> str:
 
 
 if __name__ == "__main__":
-    main(run)
+    main(run, __doc__)

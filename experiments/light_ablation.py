@@ -22,7 +22,8 @@ import numpy as np
 import tyro
 
 from experiments.command_line import main
-from experiments.training_rows import slug, train_row
+from experiments.markdown import markdown_table
+from experiments.training_rows import chosen, simple_scenes, slug, train_row
 from occjax.data.photographs import load_photographs
 from occjax.data.pool import render_pool
 from occjax.data.scene_config import Defects, Outlines, Textures
@@ -44,6 +45,7 @@ class Scale:
         batch: Patches in a step.
         held_out: Procedural light fields of the unchanged kind to validate on.
         preset: The network that is changed.
+        simple: Whether light fields have few ingredients, and rows may not differ in them.
     """
 
     steps: int = 400
@@ -52,9 +54,10 @@ class Scale:
     batch: int = 4
     held_out: int = 8
     preset: str = "light"
+    simple: bool = False
 
 
-SMALL = Scale(steps=2, pool=2, patch=32, batch=1, held_out=1, preset="light_small")
+SMALL = Scale(steps=2, pool=2, patch=32, batch=1, held_out=1, preset="light_small", simple=True)
 
 
 def scenes(**changes: Any) -> Change:
@@ -82,8 +85,8 @@ def choice(**changes: Any) -> Change:
     """Change the network's second stage."""
 
     def change(base: Recipe) -> Recipe:
-        search, chosen = base.train.network.stages
-        return network(stages=(search, replace(chosen, **changes)))(base)
+        search, second = base.train.network.stages
+        return network(stages=(search, replace(second, **changes)))(base)
 
     return change
 
@@ -130,6 +133,7 @@ def base_recipe(scale: Scale) -> Recipe:
     """The light recipe, as short as the ablation needs it."""
     light = recipe("light")
     size = scale.patch
+    scenes = replace(light.data.scenes, image_size=(size + 8, size + 8))
     optimiser = replace(light.train.optimiser, warm_up=min(50, scale.steps // 4))
     return replace(
         light,
@@ -140,8 +144,8 @@ def base_recipe(scale: Scale) -> Recipe:
             light.data,
             batch_size=scale.batch,
             procedural_share=0.0,
-            photographs=True,
-            scenes=replace(light.data.scenes, image_size=(size + 8, size + 8)),
+            photographs=not scale.simple,
+            scenes=simple_scenes(scenes) if scale.simple else scenes,
             augmentation=light.data.augmentation
             and replace(light.data.augmentation, crop=(size, size)),
         ),
@@ -188,17 +192,20 @@ def table(results: Mapping[str, Mapping[str, float]], groups: Mapping[str, list[
     """
     measures = ("mse_x100", "badpix_0.07", "badpix_0.03")
     head = [f"{group}: MSE x100 / 0.07 / 0.03" for group in groups]
-    lines = ["| " + " | ".join(["training", *head]) + " |", "|---" * (1 + len(head)) + "|"]
-    for name, scores in results.items():
-        cells = [
-            " / ".join(
-                f"{np.mean([scores[f'{scene}/{measure}'] for scene in names]):.1f}"
-                for measure in measures
-            )
-            for names in groups.values()
+    rows = [
+        [
+            name,
+            *(
+                " / ".join(
+                    f"{np.mean([scores[f'{scene}/{measure}'] for scene in names]):.1f}"
+                    for measure in measures
+                )
+                for names in groups.values()
+            ),
         ]
-        lines.append("| " + " | ".join([name, *cells]) + " |")
-    return "\n".join(lines)
+        for name, scores in results.items()
+    ]
+    return markdown_table(["training", *head], rows)
 
 
 def run(
@@ -212,10 +219,11 @@ def run(
     """Train every row, print the table and return the scores by row."""
     scale = SMALL if small else Scale()
     base = base_recipe(scale)
+    names = chosen(rows, ROWS)
     held_out = validation_scenes(base.data, scale.held_out)
     given = scenes_from_folders(validate, base.train, views="star")
     results = {}
-    for name in rows or ROWS:
+    for name in names:
         results[name] = run_row(name, folder, scale, [*held_out, *given])
     groups = {"procedural": [scene.name for scene in held_out]}
     groups |= {scene.name: [scene.name] for scene in given}
@@ -225,9 +233,9 @@ def run(
 
 def _proposing(row: Recipe) -> tuple:
     """What light fields are prepared by."""
-    search, chosen = row.train.network.stages
-    return search, chosen.plane_steps, chosen.neighbours, row.data.seed
+    search, second = row.train.network.stages
+    return search, second.plane_steps, second.neighbours, row.data.seed
 
 
 if __name__ == "__main__":
-    main(run)
+    main(run, __doc__)

@@ -80,11 +80,13 @@ def small_form(network: NetworkConfig) -> NetworkConfig:
     return dataclasses.replace(
         network,
         stages=tuple(
-            dataclasses.replace(stage, aggregation=Residual(8, 1)) for stage in network.stages
+            dataclasses.replace(stage, aggregation=Residual(4, 0)) for stage in network.stages
         ),
         views=(3, 3),
-        features=FeatureConfig(blocks=(1, 1, 1, 1), pooled=(2, 4)),
-        attention_width=8,
+        features=FeatureConfig(
+            widths=(4, 4), blocks=(1, 1), dilations=(1, 1), pooled=(2,), pooled_width=2, fused=4
+        ),
+        attention_width=4,
     )
 
 

@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from tyro.conf import arg
 
 from experiments.networks import Published, small_form
-from experiments.training_rows import Scores, scores_if_done, train_row
+from experiments.training_rows import Scores, scores_if_done, simple_scenes, train_row
+from occjax.cli.options import option
 from occjax.errors import InputError
 from occjax.models import NetworkConfig
 from occjax.training import Recipe, Scene, make_source, recipe, scenes_from_folders
@@ -34,6 +37,48 @@ class Row:
     network: NetworkConfig
     published: Published | None = None
     seed: int = 0
+
+
+@dataclass(frozen=True)
+class Training:
+    """How rows are trained, as options of the command line."""
+
+    data: Annotated[tuple[Path, ...], arg(help="Scenes to train on, or folders of them.")] = ()
+    validate: Annotated[
+        tuple[Path, ...], arg(help="Scenes with ground truth.", metavar="SCENE")
+    ] = ()
+    recipe: Annotated[RecipeName, arg(help="How each row is trained.")] = "published"
+    steps: Annotated[int | None, option("Steps of each row in place of the recipe's.", "INT")] = (
+        None
+    )
+    show: Annotated[bool, arg(help="Train nothing, show the rows that are done.")] = False
+    small: Annotated[bool, arg(help="Two steps of small networks, and small views.")] = False
+
+    def sized(self, rows: Mapping[str, Row]) -> dict[str, Row]:
+        """The rows with their networks, or with small ones."""
+        return {name: small_row(row) if self.small else row for name, row in rows.items()}
+
+    def scores(self, rows: Mapping[str, Row], folder: Path) -> dict[str, Scores]:
+        """Train the rows, or read those that are done.
+
+        Args:
+            rows: By name, see :meth:`sized`.
+            folder: In which each row has a folder of its name.
+
+        Returns:
+            Scores by row.
+
+        Raises:
+            InputError: If data are missing or cannot be used, or a folder holds something else.
+        """
+        if self.show:
+            return done_rows(folder, rows)
+        if self.small:
+            base, held_out = small_recipe(), 1
+        else:
+            base, held_out = base_recipe(self.recipe, data=self.data, steps=self.steps), HELD_OUT
+        scenes = scenes_to_score(base, self.validate, rows, held_out=held_out)
+        return train_rows(base, rows, folder, scenes)
 
 
 def base_recipe(name: RecipeName, *, data: Sequence[Path] = (), steps: int | None = None) -> Recipe:
@@ -65,9 +110,12 @@ def base_recipe(name: RecipeName, *, data: Sequence[Path] = (), steps: int | Non
 
 
 def small_recipe() -> Recipe:
-    """Two steps on small procedural scenes."""
+    """Two steps on small and simple procedural scenes."""
     base = _shortened(recipe("tiny"), 2)
-    return replace(base, data=replace(base.data, batch_size=1))
+    data = replace(
+        base.data, batch_size=1, scenes=simple_scenes(base.data.scenes), augmentation=None
+    )
+    return replace(base, data=data)
 
 
 def small_row(row: Row) -> Row:

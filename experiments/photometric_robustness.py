@@ -1,7 +1,7 @@
 """How the training-free estimator copes with fewer views, noise and dark exposures.
 
     python -m experiments.photometric_robustness
-    python -m experiments.photometric_robustness --size 64        (the small form, for the test)
+    python -m experiments.photometric_robustness --small          (seconds, for the test)
 
 Cost: about three minutes on two cores. Expected: the error grows with fewer views (one row of views
 sees no motion along its own texture), exposure changes nothing but rounding, and noise costs little
@@ -18,11 +18,16 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from experiments.command_line import main
+from experiments.cut_outs import cut_out
+from experiments.markdown import markdown_table
 from occjax.data.sample import sample
 from occjax.evaluation import Metrics, evaluate
 from occjax.inference import Estimator
 from occjax.lightfield import LightField
 
+SMALL = 64
+"""Side of the cut-out of the small form, in pixels."""
 GRIDS = ((9, 9), (7, 7), (5, 5), (3, 3), (1, 9), (9, 1))
 NOISE = (2.0, 4.0, 8.0)
 """Standard deviations, in levels of 255."""
@@ -32,15 +37,8 @@ EXPOSURES = (4, 16)
 
 def scenes(size: int) -> dict[str, LightField]:
     """The sample's middle ``size`` x ``size`` pixels under every condition, by its name."""
-    whole = sample()
-    top, left = ((length - size) // 2 for length in whole.image_size)
-    inner = np.s_[top : top + size, left : left + size]
-    clean = dataclasses.replace(
-        whole,
-        views=whole.floating()[:, :, *inner],
-        ground_truth=None if whole.ground_truth is None else whole.ground_truth[inner],
-        calibration=None,
-    )
+    part = cut_out(sample(), size)
+    clean = dataclasses.replace(part, views=part.floating())
 
     def with_views(views: np.ndarray) -> LightField:
         return dataclasses.replace(clean, views=np.clip(views, 0.0, 1.0).astype(np.float32))
@@ -57,21 +55,23 @@ def scenes(size: int) -> dict[str, LightField]:
 
 def table(results: dict[str, Metrics]) -> str:
     """Metrics as a Markdown table."""
+    head = ["condition", "MSE x100", "BadPix 0.07", "0.03", "0.01"]
     rows = [
-        f"| {name} | {m.mse_x100:.2f} | " + " | ".join(f"{b:.1f}" for b in m.badpix.values()) + " |"
+        [name, f"{m.mse_x100:.2f}", *(f"{percent:.1f}" for percent in m.badpix.values())]
         for name, m in results.items()
     ]
-    head = ["| condition | MSE x100 | BadPix 0.07 | 0.03 | 0.01 |", "|---|---|---|---|---|"]
-    return "\n".join([*head, *rows])
+    return markdown_table(head, rows)
 
 
 def run(
     size: Annotated[int, tyro.conf.arg(help="Side of the cut-out, in pixels.")] = 256,
+    small: Annotated[bool, tyro.conf.arg(help=f"{SMALL} pixels.")] = False,
 ) -> dict[str, Metrics]:
     """Estimate every condition, print the table, and return the metrics by condition."""
     estimator = Estimator("photometric")
     results = {}
-    for name, light_field in tqdm(scenes(size).items(), unit="scene", disable=None):
+    conditions = scenes(SMALL if small else size)
+    for name, light_field in tqdm(conditions.items(), unit="scene", disable=None):
         assert light_field.ground_truth is not None
         disparity = estimator(light_field).disparity
         results[name] = evaluate(disparity, light_field.ground_truth)
@@ -80,4 +80,4 @@ def run(
 
 
 if __name__ == "__main__":
-    tyro.cli(run)
+    main(run, __doc__)

@@ -27,14 +27,14 @@ from typing import Annotated
 
 import jax
 import numpy as np
-import tyro
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 from tqdm import tqdm
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from experiments.commands import cut_out, exit_with
+from experiments.command_line import main
+from experiments.cut_outs import cut_out
 from occjax.cli.options import Stored, option
 from occjax.data.sample import sample
 from occjax.errors import InputError
@@ -275,4 +275,4 @@ def _band(
 
 
 if __name__ == "__main__":
-    exit_with(lambda: tyro.cli(run, description=__doc__))
+    main(run, __doc__)

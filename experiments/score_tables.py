@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
+from experiments.markdown import markdown_table
 from occjax.viz.canvas import MARGIN, TEXT, Canvas
 
 DASH = "–"  # noqa: RUF001
@@ -78,13 +79,8 @@ def markdown(tables: Sequence[Table], notes: Sequence[str]) -> str:
     """All tables, the best **bold** and the second best underlined, and notes below them."""
     blocks = []
     for table in tables:
-        lines = [
-            "| " + " | ".join([table.title, *table.columns]) + " |",
-            "|---" + "|---:" * len(table.columns) + "|",
-        ]
-        for method, cells in _cells(table, "**{}**", "<u>{}</u>").items():
-            lines.append("| " + " | ".join([method.replace("|", r"\|"), *cells]) + " |")
-        blocks.append("\n".join(lines))
+        rows = [[name, *cells] for name, cells in _cells(table, "**{}**", "<u>{}</u>").items()]
+        blocks.append(markdown_table([table.title, *table.columns], rows, right=True))
     return "\n\n".join([*blocks, *notes])
 
 

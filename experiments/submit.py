@@ -32,10 +32,10 @@ from typing import Annotated, Any
 
 from tqdm import tqdm
 from tyro.conf import Positional, arg
-from tyro.extras import SubcommandApp
 
 import occjax
-from experiments.commands import cut_out, exit_with
+from experiments.command_line import Command, main
+from experiments.cut_outs import cut_out
 from experiments.hci_scenes import check_names, scene_folders
 from occjax.cli.options import option
 from occjax.data.sample import sample
@@ -188,13 +188,8 @@ def _light_field(scene: str, places: Mapping[str, Path], small: bool) -> LightFi
     return cut_out(light_field, SMALL) if small else light_field
 
 
-def main() -> int:
-    """The two commands."""
-    app = SubcommandApp()
-    app.command(name="make")(make)
-    app.command(name="validate")(validate)
-    return app.cli(prog="python -m experiments.submit", description=__doc__)
+COMMANDS: Mapping[str, Command] = {"make": make, "validate": validate}
 
 
 if __name__ == "__main__":
-    exit_with(main)
+    main(COMMANDS, __doc__)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from occjax.data.scene_config import Defects, Outlines, SceneConfig, Textures
+from occjax.errors import InputError
 from occjax.training import Recipe, Scene, make_source, read_log, train
 from occjax.training.checkpoints import CONFIG_FILE, read_description
 from occjax.training.step import BatchSource
+
+R = TypeVar("R")
 
 Scores = Mapping[str, Any]
 """A line of a training's log; scores have the names that :func:`occjax.training.validate` gives."""
@@ -56,6 +61,50 @@ def scores_if_done(place: Path) -> Scores | None:
     steps = read_description(place)["steps"]
     entries = [entry for entry in read_log(place) if entry["kind"] == "validation"]
     return entries[-1] if entries and entries[-1]["step"] == steps else None
+
+
+def chosen(names: Sequence[str], rows: Mapping[str, R]) -> dict[str, R]:
+    """Some of the rows.
+
+    Args:
+        names: Which; all if there are none.
+        rows: By name.
+
+    Returns:
+        Those rows, in the order of the names.
+
+    Raises:
+        InputError: If there is no row of a name.
+
+    Example:
+        >>> chosen(["b"], {"a": 1, "b": 2})
+        {'b': 2}
+    """
+    for name in names:
+        if name not in rows:
+            raise InputError(f"there is no row named {name!r}; there are {', '.join(rows)}")
+    return {name: rows[name] for name in names or rows}
+
+
+def simple_scenes(scenes: SceneConfig) -> SceneConfig:
+    """Scenes of few ingredients: what they are made of decides how long they take to compile."""
+    return replace(
+        scenes,
+        walls=1,
+        sheets=4,
+        solids=0,
+        texture_count=2,
+        textures=Textures(1.0, *[0.0] * (len(fields(Textures)) - 1)),
+        outlines=Outlines(1.0, *[0.0] * (len(fields(Outlines)) - 1)),
+        photographs=0.0,
+        curved=0.0,
+        shading=0.0,
+        shadows=0.0,
+        creases=0.0,
+        highlights=0.0,
+        reflections=0.0,
+        defects=Defects(*[0.0] * len(fields(Defects))),
+    )
 
 
 def slug(name: str) -> str:

@@ -12,7 +12,6 @@ from the percents of the HCI benchmark, whose scenes are rendered without either
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -21,7 +20,11 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from experiments.command_line import main
+from experiments.cut_outs import cut_out
+from experiments.markdown import markdown_table
 from occjax import load
+from occjax.cli.options import option
 from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.evaluation import Metrics, evaluate
@@ -74,32 +77,17 @@ def table(results: Mapping[str, Mapping[str, Score]]) -> str:
     """Scores by scene and model, and each model's mean over the scenes, as Markdown."""
     models = list(next(iter(results.values())))
     thresholds = next(iter(results.values()))[models[0]].metrics.badpix
-    columns = ["scene", "model", "MSE x100", *(f"BadPix {t:g}" for t in thresholds), "seconds"]
+    head = ["scene", "model", "MSE x100", *(f"BadPix {t:g}" for t in thresholds), "seconds"]
     rows = [
-        [scene, model, *score.numbers]
+        (scene, model, score.numbers)
         for scene, scores in results.items()
         for model, score in scores.items()
     ]
     for model in models:
         numbers = [scores[model].numbers for scores in results.values()]
-        rows.append([f"mean of {len(numbers)}", model, *np.mean(numbers, axis=0)])
-    lines = [columns, ["---"] * len(columns)]
-    lines += [[*row[:2], *(f"{number:.2f}" for number in row[2:])] for row in rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def small_scene() -> LightField:
-    """The middle of the bundled sample."""
-    whole = sample()
-    assert whole.ground_truth is not None
-    top, left = ((length - SMALL) // 2 for length in whole.image_size)
-    inner = np.s_[top : top + SMALL, left : left + SMALL]
-    return dataclasses.replace(
-        whole,
-        views=whole.views[:, :, *inner],
-        ground_truth=whole.ground_truth[inner],
-        calibration=None,
-    )
+        rows.append((f"mean of {len(numbers)}", model, list(np.mean(numbers, axis=0))))
+    cells = [[where, model, *(f"{x:.2f}" for x in numbers)] for where, model, numbers in rows]
+    return markdown_table(head, cells)
 
 
 def run(
@@ -110,7 +98,7 @@ def run(
         "photometric",
         "light",
     ),
-    output: Annotated[Path | None, tyro.conf.arg(help="File for the table.")] = None,
+    output: Annotated[Path | None, option("File for the table.", "FILE", "-o")] = None,
     small: Annotated[bool, tyro.conf.arg(help="Part of the bundled sample alone.")] = False,
 ) -> dict[str, dict[str, Score]]:
     """Estimate every scene by every model, print the table, and return the scores."""
@@ -118,7 +106,7 @@ def run(
         raise InputError("give scenes, or --small alone for the bundled sample")
     results = {}
     for path in tqdm([None] if small else scenes, unit="scene", disable=None):
-        scene = small_scene() if path is None else load(path)
+        scene = cut_out(sample(), SMALL) if path is None else load(path)
         results[scene.name] = scores_of(scene, models)
     print(table(results))
     if output is not None:
@@ -128,4 +116,4 @@ def run(
 
 
 if __name__ == "__main__":
-    tyro.cli(run)
+    main(run, __doc__)

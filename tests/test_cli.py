@@ -286,6 +286,18 @@ def test_a_measure_that_cannot_be_had_is_one_line_and_code_2(run, scene, metrics
     assert message in err
 
 
+def test_thresholds_are_those_of_all_measures_and_not_of_named_ones(run, scene):
+    truth = scene / "gt_disp_lowres.pfm"
+    code, out, _ = run("evaluate", "--metrics", "all", "--thresholds", "0.2", "--", scene, truth)
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines() if "badpix" in line] == ["badpix_0.2"]
+    code, out, err = run(
+        "evaluate", "--metrics", "mse_x100", "--thresholds", "0.2", "0.5", "--", scene, truth
+    )
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "add badpix_0.2,badpix_0.5 to --metrics" in err
+
+
 def test_measures_of_regions_need_a_scene(run, scene):
     truth = scene / "gt_disp_lowres.pfm"
     code, _, err = run("evaluate", "--metrics", "all", truth, truth)

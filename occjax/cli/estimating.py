@@ -15,6 +15,7 @@ from tqdm import tqdm
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import Stored, option
+from occjax.cli.running import show_warning
 from occjax.errors import InputError
 from occjax.inference import MODELS, Estimate, Estimator
 from occjax.inference.estimate import Precision
@@ -117,11 +118,6 @@ def demo_command(
     outputs = write_outputs(estimate, light_field, output)
     print(_report(light_field.name, estimate, outputs))
     return 0
-
-
-def show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    """A warning as one line, without the place in the code that means nothing to a user."""
-    tqdm.write(f"occjax: warning: {message}", file=sys.stderr)
 
 
 def _timed_load(stored: Stored, scene: Path) -> tuple[LightField, float, list[str]]:

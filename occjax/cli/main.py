@@ -1,10 +1,8 @@
-"""All commands put together, and what they have in common: warnings, errors, exit codes."""
+"""All commands put together."""
 
 from __future__ import annotations
 
-import os
 import sys
-import warnings
 
 import jax
 import platformdirs
@@ -12,11 +10,11 @@ from tyro.extras import SubcommandApp
 
 import occjax
 from occjax.cli.converting import convert_command
-from occjax.cli.estimating import demo_command, estimate_command, show_warning
+from occjax.cli.estimating import demo_command, estimate_command
 from occjax.cli.measuring import check_command, evaluate_command
 from occjax.cli.pooling import pool_command
+from occjax.cli.running import exit_with
 from occjax.cli.weights import fetch_command, list_command
-from occjax.errors import InputError
 from occjax.render.command import render_command
 
 
@@ -67,27 +65,9 @@ def main() -> None:
         print(f"occjax {occjax.__version__}")
         sys.exit(0)
     _cache_compilations()
-    with warnings.catch_warnings():
-        warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = show_warning
-        sys.exit(_run())
-
-
-def _run() -> int:
-    """The command's exit code."""
-    try:
-        code = _app(sys.argv[1:]).cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
-        sys.stdout.flush()
-    except InputError as error:
-        print(f"occjax: {error}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:  # the reader of our output, head for instance, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    except KeyboardInterrupt:
-        print("occjax: interrupted", file=sys.stderr)
-        return 130
-    return code
+    exit_with(
+        lambda: _app(sys.argv[1:]).cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
+    )
 
 
 def _cache_compilations() -> None:

@@ -45,9 +45,14 @@ def evaluate_command(
         ),
     ] = None,
     thresholds: Annotated[
-        tuple[float, ...],
-        arg(help="BadPix thresholds, in pixels per view step (in NAMES: badpix_0.07)."),
-    ] = THRESHOLDS,
+        tuple[float, ...] | None,
+        option(
+            "BadPix thresholds, in pixels per view step; "
+            f"{', '.join(f'{threshold:g}' for threshold in THRESHOLDS)} by default. NAMES have "
+            "them in themselves: badpix_0.07.",
+            "FLOAT...",
+        ),
+    ] = None,
     border: Annotated[int, arg(help="Pixels left out at each side.")] = BORDER,
     json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
 ) -> int:
@@ -59,16 +64,19 @@ def evaluate_command(
             f"neither {estimate} nor {ground_truth} is a scene's folder (with gt_disp_lowres.pfm), "
             "which --metrics needs; name one"
         )
+    names = None if metrics is None else _names(metrics)
+    if names is not None and thresholds is not None:
+        raise InputError(
+            "--thresholds does not go with named measures; add "
+            f"{','.join(f'badpix_{threshold:g}' for threshold in thresholds)} to --metrics instead"
+        )
+    thresholds = THRESHOLDS if thresholds is None else thresholds
     scores: Metrics | SceneScores
     if metrics is None:
         scores = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
     else:
         scores = evaluate_scene(
-            ground_truth,
-            estimate,
-            names=_names(metrics),
-            thresholds=thresholds,
-            border=border,
+            ground_truth, estimate, names=names, thresholds=thresholds, border=border
         )
     print(json.dumps(scores.as_dict(), indent=2) if json_ else scores.table())
     return 0

@@ -12,9 +12,9 @@ from occjax.io import Layout, load
 from occjax.lightfield import LightField
 
 
-def option(help: str, metavar: str) -> Any:
+def option(help: str, metavar: str, *aliases: str) -> Any:
     """An option that may be left out; ``None`` means nothing to a user."""
-    return arg(help=help, metavar=metavar, help_behavior_hint="")
+    return arg(help=help, metavar=metavar, aliases=aliases, help_behavior_hint="")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -53,14 +53,10 @@ def procedural_source(
     check_batch_size(batch_size)
     textures = None if photographs is None else jnp.asarray(photographs)
 
-    @jax.jit
-    def rendered(step, photographs):
-        numbers = step * batch_size + jnp.arange(batch_size, dtype=jnp.uint32)
-        keys = jax.vmap(partial(jax.random.fold_in, jax.random.key(seed)))(numbers)
-        return jax.vmap(lambda key: generate(key, config, photographs))(keys)
-
     def source(step: int) -> Sample:
-        batch = rendered(jnp.uint32(step), textures)
+        batch = _rendered(
+            jax.random.key(seed), jnp.uint32(step), textures, config=config, batch_size=batch_size
+        )
         if augmentation is None:
             return batch
         return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
@@ -204,6 +200,16 @@ def check_batch_size(batch_size: int) -> None:
     """
     if batch_size < 1:
         raise InputError(f"batch_size is {batch_size}; it must be at least 1")
+
+
+@partial(jax.jit, static_argnames=("config", "batch_size"))
+def _rendered(
+    root: Array, step: Array, photographs: Array | None, *, config: SceneConfig, batch_size: int
+) -> Sample:
+    """A batch of new light fields; sources that differ in their seed share what is compiled."""
+    numbers = step * batch_size + jnp.arange(batch_size, dtype=jnp.uint32)
+    keys = jax.vmap(partial(jax.random.fold_in, root))(numbers)
+    return jax.vmap(lambda key: generate(key, config, photographs))(keys)
 
 
 def _are_weights(weights: Sequence[float]) -> bool:

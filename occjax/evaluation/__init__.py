@@ -12,7 +12,7 @@ from occjax.evaluation.metrics import (
     mean_squared_error,
     q25,
 )
-from occjax.evaluation.normals import angular_errors, surface_normals, surface_points
+from occjax.evaluation.normals import angular_errors
 from occjax.evaluation.published import (
     average,
     printed_average,
@@ -55,7 +55,5 @@ __all__ = [
     "q25",
     "read_disparity",
     "read_mask",
-    "surface_normals",
-    "surface_points",
     "thinning",
 ]

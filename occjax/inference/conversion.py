@@ -6,8 +6,6 @@ precision.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +18,7 @@ from occjax.io.ply import write_ply
 from occjax.lightfield import Calibration, to_unit_float
 from occjax.ops.depth import back_project, depth_from_disparity, disparity_from_depth
 from occjax.ops.normals import surface_normals
+from occjax.ops.precision import in_double
 
 METRES = "metres; x right, y up, z to the viewer; centre camera at the origin"
 RELIEF = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
@@ -62,8 +61,8 @@ def convert_map(content: Map, to: Quantity, calibration: Calibration) -> Map:
         return content
     if to == "depth":
         known = np.where(np.isinf(content.values), np.nan, content.values)
-        return Map(_in_double(depth_from_disparity, known, calibration), to)
-    return Map(_in_double(disparity_from_depth, content.values, calibration), to)
+        return Map(in_double(depth_from_disparity, known, calibration), to)
+    return Map(in_double(disparity_from_depth, content.values, calibration), to)
 
 
 def normals(content: Map, calibration: Calibration) -> np.ndarray:
@@ -77,7 +76,7 @@ def normals(content: Map, calibration: Calibration) -> np.ndarray:
         ``[H, W, 3]`` x to the right, y up, z to the viewer; NaN where there is no normal.
     """
     depth = convert_map(content, "depth", calibration)
-    return _in_double(_normals_of_depth, depth.values, calibration)
+    return in_double(_normals_of_depth, depth.values, calibration)
 
 
 def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
@@ -101,7 +100,7 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
     """
     if calibration is not None:
         depth = convert_map(content, "depth", calibration)
-        return PointCloud(_in_double(back_project, depth.values, calibration), METRES)
+        return PointCloud(in_double(back_project, depth.values, calibration), METRES)
     if content.quantity == "depth":
         raise InputError("points of a depth map need the camera's focal length; pass a calibration")
     height, width = content.values.shape
@@ -149,14 +148,3 @@ def write_points(
 
 def _normals_of_depth(depth: jax.Array, calibration: Calibration) -> jax.Array:
     return surface_normals(back_project(depth, calibration))
-
-
-@partial(jax.jit, static_argnums=(0, 2))
-def _compiled(function: Callable, values: jax.Array, calibration: Calibration) -> jax.Array:
-    return function(values, calibration)
-
-
-def _in_double(function: Callable, values: np.ndarray, calibration: Calibration) -> np.ndarray:
-    """Differences of nearly equal numbers follow: of inverse depths, and of neighbouring points."""
-    with jax.enable_x64(True):
-        return np.asarray(_compiled(function, np.asarray(values, np.float64), calibration))

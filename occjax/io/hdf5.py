@@ -55,12 +55,13 @@ def read_hdf5(path: str | Path) -> LightField:
     if None in camera.values():
         return LightField(views=views, name=path.stem, source=path)
     baseline, focal_pixels, focus = (float(value) for value in camera.values() if value is not None)
+    calibration = _calibration(baseline, focal_pixels, focus, views.shape[2:4])
     return LightField(
         views=views,
         name=path.stem,
         source=path,
-        calibration=_calibration(baseline, focal_pixels, focus, views.shape[2:4]),
-        ground_truth=_disparity(depth, baseline * focal_pixels, focus, views.shape[:4]),
+        calibration=calibration,
+        ground_truth=_disparity(depth, calibration, views.shape[:4]),
     )
 
 
@@ -86,9 +87,9 @@ def _calibration(
 
 
 def _disparity(
-    depth: np.ndarray | None, product: float, focus: float, shape: tuple[int, ...]
+    depth: np.ndarray | None, calibration: Calibration, shape: tuple[int, ...]
 ) -> np.ndarray | None:
-    """``B f (1 / Z - 1 / camDistance)`` of the centre view."""
+    """Disparity of the centre view, if its depth is there and positive."""
     if depth is None:
         return None
     v, u, h, w = shape
@@ -96,4 +97,4 @@ def _disparity(
         depth = depth[v // 2, u // 2]
     if depth.shape != (h, w) or not np.all(depth > 0.0):
         return None
-    return (product / depth.astype(np.float64) - product / focus).astype(np.float32)
+    return calibration.disparity(depth.astype(np.float64), (h, w)).astype(np.float32)

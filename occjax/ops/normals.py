@@ -19,7 +19,8 @@ def surface_normals(points: Float[Array, "h w 3"], *, edge: float = 3.0) -> Floa
     Args:
         points: ``[h, w, 3]`` place of each pixel in space, as from
             :func:`occjax.ops.back_project`; NaN or infinite where there is none.
-        edge: Ratio of the distances to the two neighbours, at least 1.
+        edge: Ratio of the distances to the two neighbours, at least 1; infinite for central
+            differences even across the ends of surfaces.
 
     Returns:
         ``[h, w, 3]`` unit vectors in the coordinates of the points: (0, 0, 1) faces the viewer.

@@ -1,10 +1,10 @@
-"""Normals and their errors, on planes whose normals are known."""
+"""Errors of normals, on planes whose normals are known."""
 
 import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.evaluation import angular_errors, surface_normals, surface_points
+from occjax.evaluation import angular_errors
 from occjax.lightfield import Calibration
 
 CAMERA = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
@@ -38,19 +38,6 @@ def tilted(about_x, about_y):
     return np.array([np.sin(b) * np.cos(a), np.sin(a), -np.cos(b) * np.cos(a)])
 
 
-def test_points_lie_on_the_plane_that_was_looked_at():
-    normal = tilted(20.0, -35.0)
-    points = surface_points(plane(normal), CAMERA)
-    np.testing.assert_allclose(points @ normal, 7.0 * normal[2], rtol=1e-9)
-    np.testing.assert_allclose(points / points[..., 2:], rays(), rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("angles", [(0.0, 0.0), (30.0, 0.0), (0.0, -50.0), (-25.0, 40.0)])
-def test_normals_of_a_plane_are_its_normal_towards_the_camera(angles):
-    normals = surface_normals(plane(tilted(*angles)), CAMERA)
-    np.testing.assert_allclose(normals, np.broadcast_to(tilted(*angles), normals.shape), atol=1e-8)
-
-
 @pytest.mark.parametrize(("turn", "atol"), [(3.0, 1e-6), (40.0, 1e-6), (0.001, 1e-6)])
 def test_a_plane_that_is_turned_too_far_is_off_by_that_angle(turn, atol):
     truth, estimate = plane(tilted(0.0, 20.0)), plane(tilted(0.0, 20.0 + turn))
@@ -81,9 +68,20 @@ def test_no_estimate_and_one_beyond_infinity_are_edge_on_and_no_truth_does_not_c
     wrong[20, 20] = np.nan
     wrong[20, 30] = -1e3  # further than infinitely far
     errors = angular_errors(wrong, truth, CAMERA)
-    # The pixel and the four neighbours whose differences reach it.
-    assert np.sum(errors == 90.0) == 2 * 5
-    assert angular_errors(truth, wrong, CAMERA).size == errors.size - 2 * 5
+    # Those two alone: a neighbour of theirs has one on its other side.
+    assert np.sum(errors == 90.0) == 2
+    np.testing.assert_allclose(errors[errors != 90.0], 0.0, atol=1e-6)
+    assert angular_errors(truth, wrong, CAMERA).size == errors.size - 2
+
+
+def test_the_end_of_a_surface_does_not_hide_a_step_of_the_estimate():
+    truth = plane(tilted(0.0, 0.0))
+    estimate = truth.copy()
+    estimate[:, 24:] = plane(tilted(0.0, 0.0), 6.0)[:, 24:]
+    errors = angular_errors(estimate, truth, CAMERA).reshape(10, 18)
+    # Column 15 is the first; differences reach one pixel to both sides of the step.
+    np.testing.assert_array_equal((errors > 45.0).all(0), np.isin(np.arange(15, 33), (23, 24)))
+    np.testing.assert_allclose(np.delete(errors, (8, 9), axis=1), 0.0, atol=1e-6)
 
 
 def test_maps_that_cannot_be_compared_are_refused():

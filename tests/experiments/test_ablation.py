@@ -8,7 +8,7 @@ import pytest
 from experiments import ablation
 from experiments.ablation import GROUPS, ROWS
 from experiments.networks import small_form
-from experiments.paper_training import base_recipe, small_recipe, with_row
+from experiments.paper_training import Training, base_recipe, small_recipe, with_row
 from experiments.training_rows import scores_if_done
 from occjax.errors import InputError
 from occjax.models.work import count_flops, count_parameters
@@ -22,7 +22,7 @@ def cells_of(printed, row):
 
 
 def test_the_small_form_trains_a_row_once_and_shows_it(tmp_path, capsys):
-    results = ablation.run(tmp_path, rows=("cas_2_occ_gt",), small=True)
+    results = ablation.run(tmp_path, ("cas_2_occ_gt",), Training(small=True))
     ours = results["cas_2_occ_gt"]
     assert ours["step"] == 2
     expected = ["sharing, occlusion", "`cas_2_occ_gt`", "9, 9", "1, 1/8"]
@@ -30,11 +30,11 @@ def test_the_small_form_trains_a_row_once_and_shows_it(tmp_path, capsys):
     assert cells_of(capsys.readouterr().out, "cas_2_occ_gt") == expected
 
     log = (tmp_path / "cas_2_occ_gt" / "log.jsonl").read_text()
-    assert ablation.run(tmp_path, show=True) == results
+    assert ablation.run(tmp_path, training=Training(show=True)) == results
     printed = capsys.readouterr().out
     assert cells_of(printed, "cas_2_occ_gt") == expected
     assert cells_of(printed, "cas_1")[4:] == ["", "2.804", "", "1.164"]
-    assert ablation.run(tmp_path, rows=("cas_2_occ_gt",), small=True) == results
+    assert ablation.run(tmp_path, ("cas_2_occ_gt",), Training(small=True)) == results
     assert (tmp_path / "cas_2_occ_gt" / "log.jsonl").read_text() == log
 
 
@@ -68,7 +68,7 @@ def test_small_networks_have_the_stages_of_the_large_ones(name):
     assert small.warp == large.warp
     assert small.shared_aggregation == large.shared_aggregation
     for one, other in zip(small.stages, large.stages, strict=True):
-        assert one.aggregation.width == 8
+        assert one.aggregation.width == 4
         assert dataclasses.replace(one, aggregation=other.aggregation) == other
 
 
@@ -96,16 +96,16 @@ def test_the_small_recipe_is_over_after_two_steps():
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("rows", "options", "message"),
     [
-        ({}, "16 additional scenes"),
-        ({"data": ("scenes",)}, "pass --validate"),
-        ({"rows": ("cas_5",)}, "no row named 'cas_5'; there are cas_1"),
-        ({"recipe": "full", "steps": 0}, "steps is 0"),
+        ((), {"data": ()}, "16 additional scenes"),
+        ((), {}, "pass --validate"),
+        (("cas_5",), {}, "no row named 'cas_5'; there are cas_1"),
+        ((), {"recipe": "full", "steps": 0}, "steps is 0"),
     ],
 )
-def test_what_is_missing_is_said_before_anything_is_trained(tmp_path, options, message):
-    folders = {name: (tmp_path,) for name in options if name == "data"}
+def test_what_is_missing_is_said_before_anything_is_trained(tmp_path, rows, options, message):
+    training = Training(**{"data": (tmp_path,), **options})
     with pytest.raises(InputError, match=message):
-        ablation.run(tmp_path / "run", **{**options, **folders})
+        ablation.run(tmp_path / "run", rows, training)
     assert not (tmp_path / "run").exists()

@@ -1,29 +1,20 @@
 """Scores of maps known by construction, and the paper's own column out of its published map."""
 
-import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiments import benchmark_table
-from experiments.commands import exit_with
 from occjax.evaluation.published import SCENES, TEST
 from occjax.io import write_pfm
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
+def run(script):
     """Run the script; returns exit code, standard output and standard error."""
-
-    def script(*arguments):
-        monkeypatch.setattr(sys, "argv", ["benchmark_table", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            exit_with(lambda: benchmark_table.tyro.cli(benchmark_table.run))
-        printed = capsys.readouterr()
-        return stopped.value.code, printed.out, printed.err
-
-    return script
+    return partial(script, benchmark_table.run)
 
 
 def cells(printed):

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from experiments import interval_study
 from experiments.interval_study import Point, figure, with_interval
 from experiments.measuring import Measured
 from experiments.networks import small_form
+from experiments.paper_training import Training
 from occjax.errors import InputError
 from occjax.models import OccCasNet, preset, save_weights
 from occjax.models.work import count_flops
@@ -38,12 +40,14 @@ def test_given_weights_are_scored_and_drawn(scene, tmp_path, capsys):
     files = [tmp_path / f"{number}.safetensors" for number in range(2)]
     variables = list(map(weights_file, files, networks))
     points = interval_study.run(
-        tmp_path, weights=tuple(files), validate=(path,), small=True, show=False
+        tmp_path, Training(validate=(path,), small=True), weights=tuple(files)
     )
     # The coarse one comes first, whatever the order of the files.
     for point, number in zip(points, (1, 0), strict=True):
         views = jnp.asarray(light_field.grey())
-        disparity = OccCasNet(networks[number]).apply(variables[number], views)[-1].disparity
+        disparity = jax.jit(OccCasNet(networks[number]).apply)(variables[number], views)[
+            -1
+        ].disparity
         error = np.abs(disparity - light_field.ground_truth)[4:-4, 4:-4]
         assert point.scores["badpix_0.07"] == pytest.approx(100 * (error > 0.07).mean())
         assert point.scores["mse_x100"] == pytest.approx(100 * (error**2).mean(), rel=1e-4)
@@ -55,11 +59,13 @@ def test_given_weights_are_scored_and_drawn(scene, tmp_path, capsys):
 
 def test_the_small_form_trains_an_interval(scene, tmp_path, capsys):
     (point,) = interval_study.run(
-        tmp_path / "run", intervals=(4.0,), validate=(scene[0],), small=True
+        tmp_path / "run", Training(validate=(scene[0],), small=True), intervals=(4.0,)
     )
     assert point.network.stages[0].candidates == (-4.0, 0.0, 4.0)
     assert point.scores["step"] == 2
-    shown = interval_study.run(tmp_path / "run", intervals=(4.0, 2.0), small=True, show=True)
+    shown = interval_study.run(
+        tmp_path / "run", Training(small=True, show=True), intervals=(4.0, 2.0)
+    )
     assert [each.scores for each in shown] == [point.scores, {}]
     assert capsys.readouterr().out.splitlines()[-1].startswith("| 2 | 5 |  |  |")
 
@@ -93,10 +99,10 @@ def test_the_figure_has_a_panel_for_what_is_known():
 
 def test_bad_input_says_what_to_do(scene, tmp_path):
     with pytest.raises(InputError, match=r"interval of 0\.3 does not divide"):
-        interval_study.run(tmp_path, intervals=(0.3,), show=True)
+        interval_study.run(tmp_path, Training(show=True), intervals=(0.3,))
     file = tmp_path / "cascade.safetensors"
     weights_file(file, small_form(preset("cas_2")))
     with pytest.raises(InputError, match="pass --validate"):
         interval_study.run(tmp_path, weights=(file,))
     with pytest.raises(InputError, match=r"cascade\.safetensors: holds no network of a single"):
-        interval_study.run(tmp_path, weights=(file,), validate=(scene[0],))
+        interval_study.run(tmp_path, Training(validate=(scene[0],)), weights=(file,))

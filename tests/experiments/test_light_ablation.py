@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 
 from experiments import light_ablation
-from experiments.light_ablation import ROWS, SMALL, base_recipe
+from experiments.light_ablation import ROWS, Scale, base_recipe
+from occjax.errors import InputError
 
 
 def test_the_small_form_trains_its_rows_and_prints_them(tmp_path, capsys):
@@ -22,9 +23,15 @@ def test_the_small_form_trains_its_rows_and_prints_them(tmp_path, capsys):
     assert light_ablation.run(tmp_path, rows=rows, small=True) == results
 
 
+def test_a_row_that_there_is_not_is_told_before_anything_is_made(tmp_path):
+    with pytest.raises(InputError, match="no row named 'nothing'; there are as it is"):
+        light_ablation.run(tmp_path / "run", rows=("nothing",), small=True)
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.parametrize("name", [name for name in ROWS if name != "as it is"])
 def test_every_row_is_one_change_to_the_training(name):
-    base = base_recipe(SMALL)
+    base = base_recipe(Scale())
     row = ROWS[name](base)
     assert row != base
     changed = {

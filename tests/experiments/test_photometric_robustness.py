@@ -7,7 +7,7 @@ def test_views_noise_and_exposure_matter_as_claimed(capsys, monkeypatch):
     monkeypatch.setattr(photometric_robustness, "GRIDS", ((9, 9), (3, 3)))
     monkeypatch.setattr(photometric_robustness, "NOISE", (16.0,))
     monkeypatch.setattr(photometric_robustness, "EXPOSURES", (16,))
-    results = photometric_robustness.run(size=64)
+    results = photometric_robustness.run(small=True)
     bad = {name: metrics.badpix[0.07] for name, metrics in results.items()}
     assert bad["noise 16/255"] > bad["9x9 views"]
     assert abs(bad["exposure 1/16"] - bad["9x9 views"]) < 1.0

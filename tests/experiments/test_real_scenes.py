@@ -1,30 +1,22 @@
 """The small form makes a sheet; what is on it is where and in the colours that it says."""
 
-import sys
+from functools import partial
 
 import imageio.v3 as imageio
 import numpy as np
 import pytest
 
 from experiments import real_scenes
-from experiments.commands import cut_out, exit_with
+from experiments.cut_outs import cut_out
 from experiments.real_scenes import Band, Outcome, sheet
 from occjax.viz.colour import disparity_colours
 from tests.scenes import plane
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
+def run(script):
     """Run the script; returns exit code, standard output and standard error."""
-
-    def script(*arguments):
-        monkeypatch.setattr(sys, "argv", ["real_scenes", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            exit_with(lambda: real_scenes.tyro.cli(real_scenes.run))
-        printed = capsys.readouterr()
-        return stopped.value.code, printed.out, printed.err
-
-    return script
+    return partial(script, real_scenes.run)
 
 
 def pixels(figure, tmp_path):

@@ -1,13 +1,12 @@
 """The small form makes a whole submission; what is missing is told before anything is estimated."""
 
-import sys
 import zipfile
+from functools import partial
 
 import numpy as np
 import pytest
 
 from experiments import submit
-from experiments.commands import exit_with
 from occjax.data.sample import sample
 from occjax.io import read_pfm, write_submission
 from occjax.io.submission import SCENES
@@ -15,17 +14,9 @@ from tests.io.files import save_views
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
+def run(script):
     """Run the script; returns exit code, standard output and standard error."""
-
-    def script(*arguments):
-        monkeypatch.setattr(sys, "argv", ["submit", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            exit_with(submit.main)
-        printed = capsys.readouterr()
-        return stopped.value.code, printed.out, printed.err
-
-    return script
+    return partial(script, submit.COMMANDS)
 
 
 TRIAL = ("--small", "--model", "photometric")

@@ -1,35 +1,13 @@
-"""What the scripts have in common: exit codes, and small light fields to try them on."""
+"""Small light fields to try the scripts on."""
 
 from __future__ import annotations
 
 import dataclasses
-import sys
-import warnings
-from collections.abc import Callable
-from typing import NoReturn
 
 import numpy as np
 
-from occjax.cli.estimating import show_warning
 from occjax.errors import InputError
 from occjax.lightfield import LightField
-
-
-def exit_with(command: Callable[[], int]) -> NoReturn:
-    """Run a command and exit with its code; what the input is at fault for is one line and code 2.
-
-    Args:
-        command: Returns the exit code.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("default", UserWarning)
-        warnings.showwarning = show_warning
-        try:
-            code = command()
-        except InputError as error:
-            print(f"occjax: {error}", file=sys.stderr)
-            code = 2
-    sys.exit(code)
 
 
 def cut_out(
@@ -44,7 +22,17 @@ def cut_out(
 
     Returns:
         The same light field with fewer pixels, and without the calibration of the whole sensor.
+
+    Raises:
+        InputError: If it would have no pixels.
+
+    Example:
+        >>> whole = LightField(np.zeros((3, 3, 8, 9, 1), np.uint8))
+        >>> cut_out(whole, 4).image_size
+        (4, 4)
     """
+    if size < 1:
+        raise InputError(f"a cut-out of {size} pixels has none; its side must be 1 or more")
     top, left = corner or [max(0, (length - size) // 2) for length in light_field.image_size]
     inner = np.s_[top : top + size, left : left + size]
     truth = light_field.ground_truth
