@@ -39,13 +39,13 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from experiments.angular_patches import angular_patches, choose_points, patches_figure
-from experiments.commands import cut_out, exit_with
+from experiments.command_line import main
 from experiments.compare_methods import named
+from experiments.cut_outs import cut_out
 from experiments.figure_panels import (
     Bar,
     Panel,
@@ -326,4 +326,4 @@ def scores(disparity: np.ndarray, truth: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
-    exit_with(lambda: tyro.cli(run, description=__doc__))
+    main(run, __doc__)

@@ -336,4 +336,4 @@ def write_small_scenes(hci: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(run)
+    main(run, __doc__)

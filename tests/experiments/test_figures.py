@@ -11,7 +11,8 @@ from matplotlib.colors import to_rgb
 
 from experiments import figures
 from experiments.angular_patches import angular_patches, choose_points, deviation
-from experiments.commands import cut_out, exit_with
+from experiments.command_line import main
+from experiments.cut_outs import cut_out
 from experiments.figure_panels import BAD, GOOD, Panel, badpix_picture, panel_figure
 from occjax.data.sample import sample
 from occjax.errors import InputError
@@ -31,7 +32,7 @@ def run(monkeypatch, capsys):
     def script(*arguments):
         monkeypatch.setattr(sys, "argv", ["figures", *map(str, arguments)])
         with pytest.raises(SystemExit) as stopped:
-            exit_with(lambda: figures.tyro.cli(figures.run))
+            main(figures.run, None)
         printed = capsys.readouterr()
         return stopped.value.code, printed.out, printed.err
 
