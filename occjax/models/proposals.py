@@ -48,7 +48,6 @@ SLOPE_STEP = 2
 LARGEST_AGGREGATED = 2.0
 """Aggregated cost above that of the best candidate from which on more makes no difference."""
 
-
 BEST_HALF = 9
 """Which of the costs of proposals is that of the aperture's best half."""
 
