@@ -13,6 +13,7 @@ from experiments.figure_panels import Panel, panel_figure, rgb, shrink_step
 from occjax.errors import InputError
 from occjax.lightfield import LightField, to_grey, to_unit_float
 from occjax.ops import occlusion_maps, occlusion_weights, warp_views
+from occjax.render.folder import largest_around
 from occjax.viz.canvas import whole_zoom
 
 BORDER = 15
@@ -26,9 +27,6 @@ STEP = 0.15
 
 CLEAR = 0.1
 """Value of an occlusion map beyond which a view is counted as occluded."""
-
-OCCLUDED = (0.17, 0.45, 0.85)
-"""Colour of occluded views where they are left out."""
 
 
 class Patches(NamedTuple):
@@ -112,7 +110,7 @@ def choose_points(
     Raises:
         InputError: If nothing stands in front of anything.
     """
-    highest, lowest = _highest_around(disparity, AROUND), -_highest_around(-disparity, AROUND)
+    highest, lowest = largest_around(disparity, AROUND), -largest_around(-disparity, AROUND)
     border = min(BORDER, min(disparity.shape) // 8)
     inside = np.zeros(disparity.shape, bool)
     inside[border : disparity.shape[0] - border, border : disparity.shape[1] - border] = True
@@ -143,36 +141,54 @@ def patches_figure(
         light_field: The views.
         patches: Of :func:`angular_patches`.
         points: ``(row, column)`` of A and of B.
-        note: A line at the bottom.
+        note: Words at the bottom.
     """
     centre = to_unit_float(light_field.centre)
     step = shrink_step(centre)
     marks = [(name, (y // step, x // step)) for name, (y, x) in zip("AB", points, strict=True)]
     shown = rgb(centre[::step, ::step])
-    rows = [[Panel("Centre view", shown, whole_zoom(shown.shape[:2]), points=marks)]]
-    scale = max(4, 220 // max(light_field.grid))
+    scale = max(4, 230 // max(light_field.grid))
+    brightest = brightest_of(np.stack([patches.occlusion[:, :, y, x] for y, x in points]))
+    rows = []
     for name, (y, x) in zip("AB", points, strict=True):
         seen, maps = patches.colour[:, :, y, x], patches.occlusion[:, :, y, x]
-        share, plain = np.mean(maps > CLEAR), patches.deviation[y, x]
+        clear = maps <= CLEAR
+        plain, weighted = patches.deviation[y, x], patches.weighted[y, x]
+        alone = deviation(to_grey(seen), clear.astype(np.float32))
         kept = seen * patches.weights[:, :, y, x, None]
-        clear = np.where((maps > CLEAR)[..., None], OCCLUDED, rgb(seen))
-        remaining = deviation(to_grey(seen), (maps <= CLEAR).astype(np.float32))
         rows.append(
             [
-                Panel(f"{name}: angular patch, STD {plain:.4f}", rgb(seen), scale),
+                Panel(f"{name}: angular patch, STD {plain:.4f}", rgb(seen), scale, framed=clear),
                 Panel(
-                    f"{name}: occlusion map, > {CLEAR} in {share:.0%}", rgb(maps[..., None]), scale
+                    f"{name}: occlusion map M, 0 to {brightest:.2f}",
+                    rgb(np.clip(maps / brightest, 0.0, 1.0)[..., None]),
+                    scale,
                 ),
-                Panel(f"{name}: weighted, STD {patches.weighted[y, x]:.4f}", rgb(kept), scale),
-                Panel(f"{name}: only M <= {CLEAR}, STD {remaining:.4f}", clear, scale),
+                Panel(f"{name}: times (1 - M)^2, STD {weighted:.4f}", rgb(kept), scale),
+                Panel(
+                    f"{name}: M <= {CLEAR} alone, STD {alone:.4f}",
+                    np.where(clear[..., None], rgb(seen), 1.0),
+                    scale,
+                    framed=clear,
+                ),
             ]
         )
-    return panel_figure(rows, note)
+    frame = f"Blue frame: views with M <= {CLEAR}. STD: standard deviation of grey. {note}".rstrip()
+    return panel_figure(
+        rows,
+        frame,
+        beside=Panel("centre view", shown, whole_zoom(shown.shape[:2]), points=marks),
+    )
 
 
-def _highest_around(values: np.ndarray, radius: int) -> np.ndarray:
-    """Highest value in a square window around each pixel."""
-    padded = np.pad(values, radius, mode="edge")
-    for axis in (0, 1):
-        padded = np.lib.stride_tricks.sliding_window_view(padded, 2 * radius + 1, axis).max(-1)
-    return padded
+def brightest_of(maps: np.ndarray) -> float:
+    """Value of occlusion maps to show as white: few are above it, and no noise is stretched to it.
+
+    Args:
+        maps: In [0, 1], of any shape.
+
+    Example:
+        >>> round(brightest_of(np.linspace(0.0, 0.5, 1001)), 4), brightest_of(np.zeros(3))
+        (0.4995, 0.1)
+    """
+    return max(CLEAR, float(np.percentile(maps, 99.9)))

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, Normalize, to_rgb
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 
 from occjax.viz.canvas import BAR_TEXT, BAR_WIDTH, MARGIN, TEXT, Canvas
-from occjax.viz.colour import MISSING, NO_VALUE
 
 LINE, GAP = 22, 12
 LETTER = 7
 """Width of a letter of a title, in pixels."""
-LARGEST = 600
-"""Longer side of a map, in pixels, beyond which it is shown smaller."""
 
-GOOD, BAD = "#dce9dc", "#b2182b"
-"""Colours of a BadPix map."""
+MARK, FRAME = "#d62728", "#2b6fd6"
+"""Colours of marked points and of frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +46,19 @@ class Panel:
         title: Line above it.
         pixels: ``[H, W, 3]`` colours in [0, 1].
         zoom: Width and height of each pixel on the sheet.
-        corner: Words in its upper left corner.
+        corner: Lines in its upper left corner, each with its colour.
         bar: Colour bar on its right.
         points: Places to mark, by letter: ``(row, column)``.
+        framed: ``[H, W]`` booleans; a blue line goes around those that are set.
     """
 
     title: str
     pixels: np.ndarray
     zoom: int = 1
-    corner: str = ""
+    corner: Sequence[tuple[str, str]] = ()
     bar: Bar | None = None
     points: Sequence[tuple[str, tuple[int, int]]] = ()
+    framed: np.ndarray | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -68,40 +68,51 @@ class Panel:
         return LINE + height, max(width + room, LETTER * len(self.title))
 
 
-def panel_figure(rows: Sequence[Sequence[Panel]], note: str = "") -> Figure:
+def panel_figure(
+    rows: Sequence[Sequence[Panel]], note: str = "", *, beside: Panel | None = None
+) -> Figure:
     """Rows of panels.
 
     Args:
         rows: From top to bottom, each from left to right.
         note: A line at the bottom.
+        beside: A panel on the left of all rows.
 
     Returns:
         The figure.
     """
     widths = [sum(panel.size[1] + GAP for panel in row) - GAP for row in rows]
     heights = [max(panel.size[0] for panel in row) for row in rows]
+    indent = 0 if beside is None else beside.size[1] + GAP
+    body = max(sum(heights) + GAP * (len(rows) - 1), 0 if beside is None else beside.size[0])
     canvas = Canvas(
-        max(*widths, LETTER * len(note)) + 2 * MARGIN,
-        sum(heights) + GAP * (len(rows) - 1) + (LINE if note else 0) + 2 * MARGIN,
+        max(indent + max(widths), LETTER * len(note)) + 2 * MARGIN,
+        body + (GAP + LINE if note else 0) + 2 * MARGIN,
     )
+    if beside is not None:
+        _draw(canvas, beside, MARGIN, MARGIN)
     top = MARGIN
     for row, height in zip(rows, heights, strict=True):
-        left = MARGIN
+        left = MARGIN + indent
         for panel in row:
             _draw(canvas, panel, left, top)
             left += panel.size[1] + GAP
         top += height + GAP
     if note:
-        _write(canvas, note, MARGIN, top, size=9.0)
+        _write(canvas, note, MARGIN, MARGIN + body + GAP, size=9.0)
     return canvas.figure
 
 
-def shrink_step(values: np.ndarray) -> int:
-    """Every which pixel of ``[H, W, ...]`` is shown, so that a map is at most ``LARGEST`` wide.
+def shrink_step(values: np.ndarray, longest: int = 600) -> int:
+    """Every which pixel of ``[H, W, ...]`` is shown, so that neither side is above ``longest``.
 
     Picked, not averaged: the mean of two sides of an edge is on neither.
+
+    Example:
+        >>> shrink_step(np.zeros((512, 1024))), shrink_step(np.zeros((512, 512)))
+        (2, 1)
     """
-    return -(-max(values.shape[:2]) // LARGEST)
+    return -(-max(values.shape[:2]) // longest)
 
 
 def rgb(image: np.ndarray) -> np.ndarray:
@@ -109,49 +120,48 @@ def rgb(image: np.ndarray) -> np.ndarray:
     return np.broadcast_to(image, (*image.shape[:2], 3))
 
 
-def coloured(values: np.ndarray, norm: Normalize, colours: Colormap) -> np.ndarray:
-    """``[H, W, 3]`` colours of a map ``[H, W]``; what is not finite has the colour for it."""
-    return colours(norm(np.ma.masked_invalid(values)))[..., :3]
-
-
-def badpix_picture(disparity: np.ndarray, truth: np.ndarray, threshold: float) -> np.ndarray:
-    """Where an estimate is bad: red if it is, pale if not, grey without truth, black without value.
+def frame_lines(framed: np.ndarray) -> np.ndarray:
+    """Lines between pixels that are set and pixels that are not, or the outside.
 
     Args:
-        disparity: ``[H, W]`` estimate, pixels per view step.
-        truth: ``[H, W]`` true disparity.
-        threshold: Error above which a pixel is bad.
+        framed: ``[H, W]`` booleans.
 
     Returns:
-        ``[H, W, 3]`` colours in [0, 1].
+        ``[N, 2, 2]`` both ends of each line as (column, row), pixels being centred on whole ones.
 
     Example:
-        >>> picture = badpix_picture(np.array([[0.1, 0.0]]), np.zeros((1, 2)), 0.07)
-        >>> bool((picture[0, 0] == to_rgb(BAD)).all()), bool((picture[0, 1] == to_rgb(GOOD)).all())
-        (True, True)
+        >>> frame_lines(np.ones((1, 1), bool))[:2].tolist()
+        [[[-0.5, -0.5], [0.5, -0.5]], [[-0.5, 0.5], [0.5, 0.5]]]
     """
-    known, valued = np.isfinite(truth), np.isfinite(disparity)
-    both = known & valued
-    error = np.abs(np.where(both, disparity, 0.0) - np.where(both, truth, 0.0))
-    picture = np.where((error > threshold)[..., None], to_rgb(BAD), to_rgb(GOOD))
-    picture[~valued] = to_rgb(MISSING)
-    picture[~known] = to_rgb(NO_VALUE)
-    return picture
+    padded = np.pad(framed, 1).astype(np.int8)
+    across = np.argwhere(np.diff(padded, axis=0)[:, 1:-1])[:, ::-1] - 0.5
+    down = np.argwhere(np.diff(padded, axis=1)[1:-1])[:, ::-1] - 0.5
+    rightwards, downwards = np.eye(2)
+    lines = [(across, across + rightwards), (down, down + downwards)]
+    return np.concatenate([np.stack(ends, axis=1) for ends in lines])
 
 
 def _draw(canvas: Canvas, panel: Panel, left: int, top: int) -> None:
     height, width = (length * panel.zoom for length in panel.pixels.shape[:2])
     _write(canvas, panel.title, left, top)
     axes = canvas.image(np.clip(panel.pixels, 0.0, 1.0), left, top + LINE, panel.zoom)
+    if panel.framed is not None:
+        lines = LineCollection(
+            list(frame_lines(panel.framed)), colors=FRAME, linewidths=1.6, capstyle="projecting"
+        )
+        axes.add_collection(lines, autolim=False)
     for letter, place in panel.points:
         _mark(axes, letter, place)
-    if panel.corner:
-        axes.text(
-            *(0.02, 0.98, panel.corner),
-            transform=axes.transAxes,
+    for number, (words, colour) in enumerate(panel.corner):
+        axes.annotate(
+            words,
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(5, -5 - 12 * number),
+            textcoords="offset points",
             fontsize=8.5,
             va="top",
-            color=TEXT,
+            color=colour,
             parse_math=False,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 2.5, "alpha": 0.85},
         )
@@ -165,7 +175,7 @@ def _mark(axes: Axes, letter: str, place: tuple[int, int]) -> None:
     """A ring around a pixel, and its letter beside it."""
     row, column = place
     axes.plot(column, row, "o", ms=11, mfc="none", mec="white", mew=3.0, clip_on=False)
-    axes.plot(column, row, "o", ms=11, mfc="none", mec="#d62728", mew=1.6, clip_on=False)
+    axes.plot(column, row, "o", ms=11, mfc="none", mec=MARK, mew=1.6, clip_on=False)
     axes.annotate(
         letter,
         (column, row),
@@ -173,7 +183,7 @@ def _mark(axes: Axes, letter: str, place: tuple[int, int]) -> None:
         textcoords="offset points",
         fontsize=12,
         weight="bold",
-        color="#d62728",
+        color=MARK,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85},
     )
 

@@ -60,6 +60,29 @@ def find_scene(folder: Path, scene: str) -> Path | None:
     return places[0] if places else None
 
 
+def every_scene(folder: Path, scenes: Iterable[str], advice: str) -> dict[str, Path]:
+    """Folders of scenes, all of which are there.
+
+    Args:
+        folder: Where the benchmark's archives were unpacked.
+        scenes: Names of the scenes.
+        advice: What to do if some are missing.
+
+    Returns:
+        By scene.
+
+    Raises:
+        InputError: Naming all scenes that are missing, or one that is there twice.
+    """
+    found = {scene: find_scene(folder, scene) for scene in scenes}
+    missing = [scene for scene, place in found.items() if place is None]
+    if missing:
+        raise InputError(
+            f"{folder}: has no folder of {', '.join(missing)}, here or one level below; {advice}"
+        )
+    return {scene: place for scene, place in found.items() if place is not None}
+
+
 def scene_folders(folder: Path, scenes: Iterable[str]) -> dict[str, Path]:
     """Folders of scenes, all of which are there with all of their views.
 
@@ -75,14 +98,9 @@ def scene_folders(folder: Path, scenes: Iterable[str]) -> dict[str, Path]:
     Raises:
         InputError: If a scene or a view is missing, or the centre view is not 512x512.
     """
-    found = {scene: find_scene(folder, scene) for scene in scenes}
-    missing = [scene for scene, place in found.items() if place is None]
-    if missing:
-        raise InputError(
-            f"{folder}: has no folder of {', '.join(missing)}, here or one level below; get them "
-            "from the benchmark, or choose others with --scenes"
-        )
-    places = {scene: place for scene, place in found.items() if place is not None}
+    places = every_scene(
+        folder, scenes, "get them from the benchmark, or choose others with --scenes"
+    )
     for place in places.values():
         _check_views(place)
     return places

@@ -30,36 +30,34 @@ from typing import Annotated
 import imageio.v3 as imageio
 import numpy as np
 import tyro
-from PIL import Image
 
 from experiments.command_line import main
-from experiments.hci_scenes import MASKS, find_scene
-from experiments.networks import TABLE_3
+from experiments.cut_outs import cut_out
+from experiments.hci_masks import REFLECTIVE, shared_masks, with_mask
+from experiments.hci_scenes import MASKS, every_scene
+from experiments.markdown import markdown_table
+from experiments.networks import TABLE_3, small_form
 from experiments.paper_training import base_recipe
 from occjax.cli.options import option
 from occjax.data.folders import published_source
+from occjax.data.sample import sample
 from occjax.data.samples import Sample
-from occjax.data.scenes import GROUND_TRUTH, MASK, load_scenes
-from occjax.data.scenes import Scene as TrainingScene
+from occjax.data.scenes import GROUND_TRUTH, load_scenes
 from occjax.errors import InputError
-from occjax.evaluation import evaluate
-from occjax.io import read_image, write_pfm
+from occjax.io import write_pfm
 from occjax.io.atomic import atomic_path, check_writable
 from occjax.io.submission import STRATIFIED, TRAINING
 from occjax.models import load_weights
-from occjax.training import Recipe, Scene, recipe, scenes_from_folders, train, validate
-from occjax.training.data import validation_scenes
+from occjax.render.folder import view_name
+from occjax.training import Recipe, Scene, scenes_from_folders, train, validate
 from occjax.training.loop import BEST_FILE
-from occjax.training.validation import predict
+from occjax.training.validation import predict, score_scenes
 
 ADDITIONAL = (
     *("antinous", "boardgames", "dishes", "greek", "kitchen", "medieval2", "museum", "pens"),
     *("pillows", "platonic", "rosemary", "table", "tomb", "tower", "town", "vinyl"),
 )
 """The benchmark's scenes to train on."""
-
-REFLECTIVE = ("kitchen", "museum", "vinyl")
-"""Those with regions whose ground truth is of a surface that shows something else."""
 
 VALIDATION = (*STRATIFIED, *TRAINING)
 
@@ -82,29 +80,29 @@ def run(
     steps: Annotated[int | None, option("Steps in place of the recipe's.", "N")] = None,
     minutes: Annotated[float | None, option("Stop after this long; go on later.", "M")] = None,
     seed: Annotated[int, tyro.conf.arg(help="Of first weights and data.")] = 0,
-    small: Annotated[bool, tyro.conf.arg(help="A tiny network, on scenes of its own.")] = False,
+    small: Annotated[bool, tyro.conf.arg(help="A small network, on scenes of its own.")] = False,
 ) -> dict[str, dict[str, float]]:
     """Train on the HCI benchmark as published, or go on with it, and score the best weights."""
     if (hci is None) != small:
         raise InputError("give the folder of the benchmark's scenes, or --small alone")
     check_writable(output)
     folder = output / "training"
-    learnt: tuple[str, ...]
-    held_out: tuple[str, ...]
+    learnt: Sequence[str] = ADDITIONAL
+    held_out: Sequence[str] = VALIDATION
     if hci is None:
         hci = output / "scenes"
         write_small_scenes(hci)
-        base, learnt, held_out = small_recipe(steps), SMALL_TRAINING, SMALL_VALIDATION
-    else:
-        base = base_recipe("published", data=[hci], steps=steps)
-        learnt, held_out = ADDITIONAL, VALIDATION
+        learnt, held_out = SMALL_TRAINING, SMALL_VALIDATION
+        steps = SMALL_STEPS if steps is None else steps
+    base = base_recipe("published", data=[hci], steps=steps)
+    base = smaller(base) if small else base
     places = places_of(hci, (*learnt, *held_out))
-    masked = mask_files(hci, places, masks, needed=not without_masks)
+    shared = shared_masks(hci, places, masks, needed=not without_masks)
     training = configured(base, places, learnt, minutes=minutes, seed=seed)
     data, network = training.data, training.train.network
     assert network.views is not None
     scenes = [
-        with_mask(scene, masked.get(scene.name))
+        with_mask(scene, shared.get(scene.name))
         for scene in load_scenes(data.folders, views=network.views)
     ]
     validation = scenes_from_folders([places[name] for name in held_out], training.train)
@@ -114,7 +112,7 @@ def run(
         folder,
         run=training.run,
         validation=validation,
-        data={**asdict(data), "masked": sorted(masked)},
+        data={**asdict(data), "masked": sorted(scene.name for scene in scenes if scene.masked)},
     )
     if not trained.finished:
         print(f"stopped after step {int(trained.state.step)}; start again to go on")
@@ -139,76 +137,13 @@ def places_of(hci: Path, names: Sequence[str]) -> dict[str, Path]:
     Raises:
         InputError: Naming all scenes that are missing, or all without ground truth.
     """
-    found = {name: find_scene(hci, name) for name in names}
-    missing = [name for name, place in found.items() if place is None]
-    if missing:
-        raise InputError(
-            f"{hci}: has no folder of {', '.join(missing)}, here or one level below; get the "
-            "benchmark's archives 'additional', 'stratified' and 'training'"
-        )
-    places = {name: place for name, place in found.items() if place is not None}
+    places = every_scene(
+        hci, names, "get the benchmark's archives 'additional', 'stratified' and 'training'"
+    )
     blind = [name for name, place in places.items() if not (place / GROUND_TRUTH).is_file()]
     if blind:
         raise InputError(f"{hci}: {GROUND_TRUTH} is missing of {', '.join(blind)}; unpack it again")
     return places
-
-
-def mask_files(
-    hci: Path, places: Mapping[str, Path], masks: Path | None, *, needed: bool = True
-) -> dict[str, Path]:
-    """Files that mask the reflective regions, by scene.
-
-    Args:
-        hci: Where the benchmark's archives were unpacked; where masks are found by default.
-        places: Folders of the scenes; a mask in one comes first.
-        masks: Folder of folders of the scenes, each with one image.
-        needed: Whether every reflective scene must have one.
-
-    Raises:
-        InputError: If a needed mask is missing, or might be any of several.
-    """
-    if masks is not None and not masks.is_dir():
-        raise InputError(f"{masks}: there is no such folder of masks; check the path")
-    found, missing = {}, []
-    for name in (name for name in REFLECTIVE if name in places):
-        own = [places[name] / MASK]
-        images = own if own[0].is_file() else sorted(((masks or hci / MASKS) / name).glob("*.png"))
-        if len(images) > 1:
-            raise InputError(f"{images[0].parent}: has {len(images)} images; leave only the mask")
-        if images:
-            found[name] = images[0]
-        else:
-            missing.append(name)
-    if missing and needed:
-        raise InputError(
-            f"{hci}: {', '.join(missing)} have reflective regions and no {MASK}; pass --masks "
-            "FOLDER with FOLDER/<scene>/*.png, or --without-masks to train on these regions too"
-        )
-    return found
-
-
-def with_mask(scene: TrainingScene, path: Path | None) -> TrainingScene:
-    """A scene of which the masked part is not learnt from.
-
-    Args:
-        scene: As it was read.
-        path: Image whose opaque pixels are masked, or without opacity those that are not black;
-            None for no other mask than the scene came with.
-
-    Raises:
-        InputError: If it cannot be read or has another size.
-    """
-    if path is None:
-        return scene
-    read_image(path)  # whatever is no image is refused, in words for people
-    with Image.open(path) as image:
-        opacity = image.getchannel("A") if "A" in image.getbands() else image.convert("L")
-        masked = np.asarray(opacity) > 0
-    if masked.shape != scene.disparity.shape:
-        raise InputError(
-            f"{path}: is {list(masked.shape)} but the views are {list(scene.disparity.shape)}"
-        )
-    return replace(scene, valid=scene.valid & ~masked, masked=True)
 
 
 def configured(
@@ -244,18 +179,11 @@ def score_best(
     config, border = training.train, training.run.validation_border
     variables, _ = load_weights(weights, config.network)
     whole = validate(variables, scenes, config, border=border)
-    crops: dict[str, float] = {}
-    for scene in scenes:
-        disparity = averaged_crops(
-            lambda crop: np.asarray(predict(variables, crop, config)), scene.sample
-        )
-        truth, valid = np.asarray(scene.sample.disparity), np.asarray(scene.sample.valid)
-        metrics = evaluate(disparity, truth, border=border, mask=valid)
-        values = {"mse_x100": metrics.mse_x100}
-        values |= {f"badpix_{threshold:g}": value for threshold, value in metrics.badpix.items()}
-        for name, value in values.items():
-            crops[f"{scene.name}/{name}"] = value
-            crops[name] = crops.get(name, 0.0) + value / len(scenes)
+
+    def whole_image(sample: Sample) -> np.ndarray:
+        return np.asarray(predict(variables, sample, config))
+
+    crops = score_scenes(lambda sample: averaged_crops(whole_image, sample), scenes, border=border)
     return {"whole": whole, "crops": crops}
 
 
@@ -290,46 +218,45 @@ def table(scores: Mapping[str, Scores]) -> str:
     """
     measures = {"badpix_0.07": "BadPix 0.07", "mse_x100": "MSE x100"}
     head = ["scene", *(f"{title}, {how}" for title in measures.values() for how in scores)]
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     names = [name.split("/")[0] for name in scores["whole"] if name.endswith("/mse_x100")]
+    rows = []
     for title, prefix in [*((name, f"{name}/") for name in names), ("mean", "")]:
         values = [scores[how][prefix + measure] for measure in measures for how in scores]
-        lines.append(f"| {title} | {' | '.join(f'{value:.3f}' for value in values)} |")
+        rows.append([title, *(f"{value:.3f}" for value in values)])
     paper = TABLE_3["occcasnet"]
-    lines.append(f"| paper, mean of 8 | | {paper.badpix:.3f} | | {paper.mse:.3f} |")
-    return "\n".join(lines)
+    rows.append(["paper, mean of 8", "", f"{paper.badpix:.3f}", "", f"{paper.mse:.3f}"])
+    return markdown_table(head, rows, right=True)
 
 
-def small_recipe(steps: int | None = None) -> Recipe:
-    """A few steps of a tiny network on patches drawn as published."""
-    base, steps = recipe("tiny"), SMALL_STEPS if steps is None else steps
-    scenes = replace(base.data.scenes, image_size=(SMALL_SIZE, SMALL_SIZE), grid=(9, 9))
+def smaller(base: Recipe) -> Recipe:
+    """The same training of a network of 3x3 views and few channels, on two patches a step."""
     return replace(
         base,
-        train=replace(base.train, steps=steps, ema_decay=0.0),
-        data=replace(base.data, batch_size=2, procedural_share=0.0, published=True, scenes=scenes),
-        run=replace(base.run, validate_every=max(1, steps // 2)),
+        train=replace(base.train, network=small_form(base.train.network)),
+        data=replace(base.data, batch_size=2),
+        run=replace(base.run, validate_every=max(1, base.train.steps // 2)),
     )
 
 
 def write_small_scenes(hci: Path) -> None:
-    """Procedural light fields as scenes of the benchmark; a corner of kitchen is masked.
+    """Cut-outs of the bundled sample as scenes of the benchmark; a corner of kitchen is masked.
 
     Args:
         hci: Folder for them.
     """
     names = {f"additional/{name}": name for name in SMALL_TRAINING}
     names |= {f"training/{name}": name for name in SMALL_VALIDATION}
-    made = validation_scenes(small_recipe().data, len(names))
-    for (place, name), scene in zip(names.items(), made, strict=True):
+    whole = sample()
+    for number, (place, name) in enumerate(names.items()):
+        scene = cut_out(whole, SMALL_SIZE, (SMALL_SIZE, number * SMALL_SIZE))
         folder = hci / place
         folder.mkdir(parents=True, exist_ok=True)
-        views = np.rint(255.0 * np.clip(np.asarray(scene.sample.views), 0.0, 1.0)).astype(np.uint8)
-        for number, view in enumerate(views.reshape(-1, *views.shape[2:])):
-            imageio.imwrite(folder / f"input_Cam{number:03d}.png", np.stack([view] * 3, axis=-1))
-        write_pfm(folder / GROUND_TRUTH, np.asarray(scene.sample.disparity))
+        for view, image in enumerate(scene.views.reshape(-1, *scene.views.shape[2:])):
+            imageio.imwrite(folder / view_name(view), image)
+        assert scene.ground_truth is not None
+        write_pfm(folder / GROUND_TRUTH, scene.ground_truth)
         if name in REFLECTIVE:
-            mask = np.zeros((*views.shape[2:], 4), np.uint8)
+            mask = np.zeros((SMALL_SIZE, SMALL_SIZE, 4), np.uint8)
             mask[: SMALL_SIZE // 8, : SMALL_SIZE // 8, 3] = 255
             (hci / MASKS / name).mkdir(parents=True, exist_ok=True)
             imageio.imwrite(hci / MASKS / name / "input_Cam040_invalid_ver2.png", mask)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import train_hci
+from experiments import hci_masks, train_hci
 from experiments.train_hci import ADDITIONAL, VALIDATION
 from occjax.data.samples import Sample
 from occjax.data.scenes import GROUND_TRUTH, Scene
@@ -35,7 +35,7 @@ def test_the_small_form_trains_and_goes_on(tmp_path, capsys):
     written = (tmp_path / "scores.md").read_text()
     assert written in printed
     assert f"| boxes | {scores['whole']['badpix_0.07']:.3f} |" in written
-    assert "| paper, mean of 8 | | 1.733 | | 0.762 |" in written
+    assert "| paper, mean of 8 |  | 1.733 |  | 0.762 |" in written
 
     assert train_hci.run(output=tmp_path, small=True) == scores
     assert read_log(tmp_path / "training") == log
@@ -87,29 +87,26 @@ def test_scenes_without_ground_truth_are_named(tmp_path):
 def test_masks_are_found_beside_the_scenes_or_in_them(tmp_path):
     hci = tmp_path / "hci"
     places = folders(hci)
-    with pytest.raises(InputError, match="kitchen, museum, vinyl have reflective regions"):
-        train_hci.mask_files(hci, places, None)
-    assert train_hci.mask_files(hci, places, None, needed=False) == {}
+    with pytest.raises(InputError, match="kitchen, museum, vinyl should have masks"):
+        hci_masks.shared_masks(hci, places, None)
+    assert hci_masks.shared_masks(hci, places, None, needed=False) == {}
     (places["museum"] / "mask.png").touch()
     for folder in (hci / "additional_invalid_area", tmp_path / "elsewhere"):
         for name in ("kitchen", "vinyl"):
             (folder / name).mkdir(parents=True)
             (folder / name / "invalid.png").touch()
     for masks in (None, tmp_path / "elsewhere"):
-        found = train_hci.mask_files(hci, places, masks)
+        found = hci_masks.shared_masks(hci, places, masks)
         folder = masks or hci / "additional_invalid_area"
-        assert found == {
-            "kitchen": folder / "kitchen/invalid.png",
-            "museum": places["museum"] / "mask.png",
-            "vinyl": folder / "vinyl/invalid.png",
-        }
+        # That of museum is read with the scene.
+        assert found == {name: folder / name / "invalid.png" for name in ("kitchen", "vinyl")}
     # The masks' folders are not taken for the scenes.
     assert train_hci.places_of(hci, ADDITIONAL)["kitchen"] == places["kitchen"]
     (tmp_path / "elsewhere/vinyl/other.png").touch()
     with pytest.raises(InputError, match="has 2 images"):
-        train_hci.mask_files(hci, places, tmp_path / "elsewhere")
+        hci_masks.shared_masks(hci, places, tmp_path / "elsewhere")
     with pytest.raises(InputError, match="no such folder of masks"):
-        train_hci.mask_files(hci, places, tmp_path / "absent")
+        hci_masks.shared_masks(hci, places, tmp_path / "absent")
 
 
 def test_opaque_pixels_are_masked(tmp_path):
@@ -120,7 +117,7 @@ def test_opaque_pixels_are_masked(tmp_path):
     image[..., 3] = 0
     image[1, 2, 3] = 255
     imageio.imwrite(tmp_path / "a.png", image)
-    masked = train_hci.with_mask(scene, tmp_path / "a.png")
+    masked = hci_masks.with_mask(scene, tmp_path / "a.png")
     expected = valid.copy()
     expected[1, 2] = False
     np.testing.assert_array_equal(masked.valid, expected)
@@ -128,14 +125,17 @@ def test_opaque_pixels_are_masked(tmp_path):
     grey = np.zeros((4, 5), np.uint8)
     grey[1, 2] = 9
     imageio.imwrite(tmp_path / "g.png", grey)
-    np.testing.assert_array_equal(train_hci.with_mask(scene, tmp_path / "g.png").valid, expected)
-    assert train_hci.with_mask(scene, None) is scene
+    np.testing.assert_array_equal(hci_masks.with_mask(scene, tmp_path / "g.png").valid, expected)
+    assert hci_masks.with_mask(scene, None) is scene
     small = dataclasses.replace(scene, disparity=np.zeros((2, 2)), valid=np.ones((2, 2), bool))
     with pytest.raises(InputError, match=r"is \[4, 5\] but the views are \[2, 2\]"):
-        train_hci.with_mask(small, tmp_path / "g.png")
+        hci_masks.with_mask(small, tmp_path / "g.png")
+    imageio.imwrite(tmp_path / "all.png", np.full((4, 5, 4), 255, np.uint8))
+    with pytest.raises(InputError, match="masks every pixel"):
+        hci_masks.with_mask(scene, tmp_path / "all.png")
     (tmp_path / "b.png").write_bytes(b"no image")
     with pytest.raises(InputError, match=r"b\.png"):
-        train_hci.with_mask(scene, tmp_path / "b.png")
+        hci_masks.with_mask(scene, tmp_path / "b.png")
 
 
 def test_a_folder_or_small_is_needed(tmp_path):
