@@ -16,8 +16,8 @@ from occjax.ops import occlusion_maps, occlusion_weights, warp_views
 from occjax.render.folder import largest_around
 from occjax.viz.canvas import whole_zoom
 
-BORDER = 15
-"""Pixels at each side in which no point is chosen, at most an eighth of the image."""
+BORDER = 1 / 8
+"""Share of the image, at each side, in which no point is chosen."""
 
 AROUND = 4
 """Pixels within which an occluder must stand for a point to be chosen as occluded."""
@@ -27,6 +27,11 @@ STEP = 0.15
 
 CLEAR = 0.1
 """Value of an occlusion map beyond which a view is counted as occluded."""
+
+
+SEEN = 0.5
+"""Share of the views that see a point at least, for it to be chosen as occluded: where hardly any
+agree, the disparity is wrong."""
 
 
 class Patches(NamedTuple):
@@ -95,9 +100,9 @@ def choose_points(
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """An unoccluded point A and an occluded point B.
 
-    B is where, behind something nearer, the occlusion map takes most away from the deviation. A is
-    where the centre view has most texture, on a surface without a step nearby, among the points
-    whose deviation is at most the median.
+    B is where, behind something nearer but seen by half of the views, the occlusion map takes most
+    away from the deviation. A is where the centre view has most texture, on a surface without a
+    step nearby, among the points whose deviation is at most the median.
 
     Args:
         disparity: ``[H, W]`` of the centre view, finite.
@@ -111,10 +116,11 @@ def choose_points(
         InputError: If nothing stands in front of anything.
     """
     highest, lowest = largest_around(disparity, AROUND), -largest_around(-disparity, AROUND)
-    border = min(BORDER, min(disparity.shape) // 8)
+    top, left = (int(BORDER * length) for length in disparity.shape)
     inside = np.zeros(disparity.shape, bool)
-    inside[border : disparity.shape[0] - border, border : disparity.shape[1] - border] = True
-    behind = inside & (highest - disparity > STEP)
+    inside[top : disparity.shape[0] - top, left : disparity.shape[1] - left] = True
+    seen = np.mean(patches.occlusion <= CLEAR, axis=(0, 1)) >= SEEN
+    behind = inside & seen & (highest - disparity > STEP)
     free = inside & (highest - lowest < STEP)
     if not behind.any() or not free.any():
         raise InputError(

@@ -35,7 +35,7 @@ def light_field_figure(light_field: LightField) -> Figure:
     side = min(max(1, MACRO_PIXELS // max(rows, columns)), *size)
     centre = to_unit_float(light_field.centre)
     square = busiest_square(to_grey(centre), side)
-    lenses = join_macpi(to_unit_float(light_field.views[:, :, *square]))
+    macro_pixels = join_macpi(to_unit_float(light_field.views[:, :, *square]))
     y, x = ((part.start + part.stop) // 2 for part in square)
     part = window(y, x, size)
     across = to_unit_float(light_field.views[rows // 2, :, y, part[1]])
@@ -50,7 +50,11 @@ def light_field_figure(light_field: LightField) -> Figure:
             [
                 Panel(f"(b) {of}centre view", rgb(centre[part]), zoom, framed=framed[part]),
                 Panel(f"x = {x}", rgb(down.swapaxes(0, 1).repeat(thick, axis=1)), zoom),
-                Panel("(c) macro-pixels of the square", rgb(lenses), whole_zoom(lenses.shape[:2])),
+                Panel(
+                    "(c) macro-pixels of the square",
+                    rgb(macro_pixels),
+                    whole_zoom(macro_pixels.shape[:2], zoom * centre[part].shape[0]),
+                ),
             ],
             [Panel(f"y = {y}", rgb(across.repeat(thick, 0)), zoom)],
         ],
@@ -88,7 +92,7 @@ def tiled(views: np.ndarray, step: int) -> np.ndarray:
 
 
 def busiest_square(grey: np.ndarray, side: int) -> tuple[slice, slice]:
-    """Rows and columns of the square with most texture.
+    """Rows and columns of the square with most texture, not at the rim if there is room.
 
     Args:
         grey: ``[H, W]`` image.
@@ -100,13 +104,16 @@ def busiest_square(grey: np.ndarray, side: int) -> tuple[slice, slice]:
         >>> busiest_square(image, 3)
         (slice(0, 3, None), slice(6, 9, None))
     """
+    rim = [min(length // 8, (length - side) // 2) for length in grey.shape]
     texture = np.zeros(grey.shape)
     texture[1:] += np.abs(np.diff(grey, axis=0))
     texture[:, 1:] += np.abs(np.diff(grey, axis=1))
     sums = np.pad(texture, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     inside = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
-    top, left = np.unravel_index(np.argmax(inside), inside.shape)
-    return slice(int(top), int(top) + side), slice(int(left), int(left) + side)
+    allowed = inside[tuple(slice(r, n - r) for r, n in zip(rim, inside.shape, strict=True))]
+    place = np.unravel_index(np.argmax(allowed), allowed.shape)
+    top, left = (int(start) + r for start, r in zip(place, rim, strict=True))
+    return slice(top, top + side), slice(left, left + side)
 
 
 def window(y: int, x: int, size: tuple[int, int]) -> tuple[slice, slice]:
