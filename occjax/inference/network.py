@@ -6,6 +6,9 @@ field, so its inner rows are those of the whole image. Two things look at the wh
 computed before: the features (their spatial pyramid reaches far) and the mean over the volume from
 which the view attention is made.
 
+The first convolution of a coarse volume, a third of the published network's work, is computed
+without making the volume, see :mod:`occjax.ops.convolved_volume`.
+
 Networks of any arrangement of views are computed whole: what they keep does not grow with the
 number of views.
 """
@@ -25,6 +28,7 @@ from occjax.models.stages import stage_output
 from occjax.ops import (
     coarse_volume,
     concatenate,
+    convolved_coarse_volume,
     occlusion_weights,
     refined_volume,
     view_offsets,
@@ -73,24 +77,29 @@ def infer(
         outputs = network.apply(variables, views, candidates=candidates, offsets=offsets)
         return of_kind(outputs, tuple)
 
-    def method(name, *args):
-        return network.apply(variables, *args, method=name)
+    def method(name, *args, **options):
+        return network.apply(variables, *args, **options, method=name)
 
     # A row of views at a time: 40 channels of all views at once would be gigabytes.
     features = jax.lax.map(lambda row: method("extract", row[None])[0], views)
     done: list[StageOutput] = []
     for index, stage in enumerate(config.stages):
         before = done[-1].disparity if done else None
-        values = jnp.asarray(stage.candidates, jnp.float32)
+        with jax.ensure_compile_time_eval():  # known while tracing
+            values = jnp.asarray(stage.candidates, jnp.float32)
         if before is None and candidates is not None:
             values = candidates
         maps = method("occlusion", index, views, before, ground_truth)
         volume = _StageVolume(features, values, before, maps, _offsets(network, before))
         attention = method("attend", index, volume.channel_means()) if stage.attention else None
+        if before is None and maps is None:
+            span = stage.candidates[-1] - stage.candidates[0]
+            kernel = method("first_kernel", index, attention)
+            compute = _on_convolved(method, index, volume, kernel, span)
+        else:
+            compute = _on_volume(method, index, volume, attention)
         scores = _in_strips(
-            lambda first, rows, index=index, volume=volume, attention=attention: method(
-                "aggregate", index, volume.strip(first, rows, attention), None
-            ),
+            compute,
             height=views.shape[2],
             rows=strip_rows,
             halo=of_kind(stage.aggregation, Residual).halo,
@@ -102,6 +111,25 @@ def infer(
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:
     grid = of_kind(network.config.views, tuple)
     return view_offsets(*grid) if before is None else network.warp_offsets()
+
+
+def _on_volume(method, index, volume, attention):
+    """Scores of a strip ``(first_row, number_of_rows) -> [d, r, w]`` from its volume."""
+
+    def scores(first, rows):
+        return method("aggregate", index, volume.strip(first, rows, attention), None)
+
+    return scores
+
+
+def _on_convolved(method, index, volume, kernel, span):
+    """The same without making the volume, where views are weighted as wholes."""
+
+    def scores(first, rows):
+        convolved = volume.convolved(first, rows, kernel, span)
+        return method("aggregate", index, convolved, None, convolved=True)
+
+    return scores
 
 
 class _StageVolume:
@@ -153,6 +181,14 @@ class _StageVolume:
             return coarse_volume(self.features, self.candidates, rows=(first, rows), **options)
         before = cut(self.before, 0)
         return refined_volume(self.features, before, self.candidates, first_row=first, **options)
+
+    def convolved(
+        self, first: Int[Array, ""], rows: int, kernel: Float[Array, "3 3 3 n k"], span: float
+    ) -> Float[Array, "d r w k"]:
+        """First convolution of some rows of the coarse volume, the views' weights in its kernel."""
+        return convolved_coarse_volume(
+            self.features, self.candidates, kernel, rows=(first, rows), span=span, streamed=True
+        )
 
 
 def _in_strips(compute, *, height: int, rows: int, halo: int) -> Float[Array, "d h w"]:

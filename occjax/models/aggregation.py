@@ -55,14 +55,27 @@ class Aggregation(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, volume: Float[Array, "d h w c"], *, train: bool) -> Float[Array, "d h w"]:
-        """Scores; the higher, the likelier the candidate."""
+    def __call__(
+        self, volume: Float[Array, "d h w c"], *, train: bool, convolved: bool = False
+    ) -> Float[Array, "d h w"]:
+        """Scores; the higher, the likelier the candidate.
 
-        def conv_norm(x, name):
-            x = VolumeConv(self.config.width, dtype=self.dtype, name=name)(x)
+        Args:
+            volume: ``[d, h, w, c]``.
+            train: Normalise by batch statistics.
+            convolved: Whether the volume has gone through the first convolution.
+        """
+
+        def conv(x, name):
+            return VolumeConv(self.config.width, dtype=self.dtype, name=name)(x)
+
+        def norm(x, name):
             return normalise(train=train, dtype=self.dtype, name=f"{name}_norm")(x)
 
-        x = nn.relu(conv_norm(volume, "conv_0"))
+        def conv_norm(x, name):
+            return norm(conv(x, name), name)
+
+        x = nn.relu(norm(volume if convolved else conv(volume, "conv_0"), "conv_0"))
         x = nn.relu(conv_norm(x, "conv_1"))
         for pair in range(self.config.pairs):
             residual = nn.relu(conv_norm(x, f"pair_{pair}_conv_0"))

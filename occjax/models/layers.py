@@ -57,16 +57,20 @@ class VolumeConv(nn.Module):
             (3, 3, 3, volume.shape[-1], self.channels),
             jnp.float32,
         )
-        volume, kernel = volume.astype(self.dtype), kernel.astype(self.dtype)
+        return convolve_volume(volume.astype(self.dtype), kernel.astype(self.dtype))
 
-        def plane(slices, depth):
-            return jax.lax.conv_general_dilated(
-                slices, kernel[depth], (1, 1), "SAME", dimension_numbers=("NHWC", "HWIO", "NHWC")
-            )
 
-        result = plane(volume, 1)
-        result = result.at[1:].add(plane(volume[:-1], 0))
-        return result.at[:-1].add(plane(volume[1:], 2))
+def convolve_volume(
+    volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
+) -> Float[Array, "d h w k"]:
+    """What :class:`VolumeConv` computes, with a kernel."""
+
+    def plane(slices, depth):
+        return _convolved(slices, kernel[depth])
+
+    result = plane(volume, 1)
+    result = result.at[1:].add(plane(volume[:-1], 0))
+    return result.at[:-1].add(plane(volume[1:], 2))
 
 
 class ImageConv(nn.Module):

@@ -5,6 +5,7 @@ signs are those of :mod:`occjax.lightfield`.
 """
 
 from occjax.ops.aperture import sector_of
+from occjax.ops.convolved_volume import convolved_coarse_volume
 from occjax.ops.depth import back_project, depth_from_disparity, disparity_from_depth
 from occjax.ops.filtering import box_filter, central_differences, fit_planes, neighbours
 from occjax.ops.geometry import view_offsets
@@ -48,6 +49,7 @@ __all__ = [
     "coarse_volume",
     "concatenate",
     "confidence",
+    "convolved_coarse_volume",
     "depth_from_disparity",
     "disparity_from_depth",
     "expected_disparity",

@@ -47,7 +47,8 @@ def shift(
         image: ``[h, w, c]`` view or feature map.
         disparity: ``[]`` pixels per view step.
         offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
-        rows: First row and number of rows r of the result; all h by default.
+        rows: First row and number of rows r of the result, which may begin and end one row beside
+            the image; all h by default.
 
     Returns:
         ``[r, w, c]`` shifted image.
@@ -71,9 +72,10 @@ def shift(
     displacement = -disparity * offset
     whole = jnp.floor(displacement)
     fraction = (displacement - whole).astype(image.dtype)
-    # A shift by more than the image reads only zeros; clamping keeps it within integers.
+    # A shift by more than the image reads only zeros, in the rows beside it too; clamping keeps it
+    # within integers.
     size = jnp.array([h, w], whole.dtype)
-    row, column = jnp.clip(jax.lax.stop_gradient(whole), -size - 1.0, size).astype(jnp.int32)
+    row, column = jnp.clip(jax.lax.stop_gradient(whole), -size - 2.0, size + 1.0).astype(jnp.int32)
     row = row + jnp.asarray(first, jnp.int32)
     # One row and column of zeros on each side stand for all that lies outside.
     rows_read = jnp.clip(row + jnp.arange(count + 1, dtype=jnp.int32), -1, h) + 1

@@ -9,7 +9,8 @@ import pytest
 
 from occjax.errors import InputError
 from occjax.inference.network import infer
-from occjax.models import OccCasNet, Residual, StageConfig, preset, sampled
+from occjax.models import OccCasNet, Residual, StageConfig, preset, sampled, variable_shapes
+from occjax.models.weights import load_weights
 from tests.reference.variables import random_variables
 
 CONFIG = preset("tiny", warp="transposed")  # halo of 6 pixels
@@ -63,3 +64,50 @@ def test_memory_of_strips_stays_below_that_of_the_whole_volume():
 def test_a_grid_of_another_size_is_refused():
     with pytest.raises(InputError, match=r"takes grey views \[3, 3, H, W\]"):
         infer({}, jnp.zeros((5, 5, 8, 8)), CONFIG)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.5])
+def test_other_candidates_also_those_that_differ_by_more(factor):
+    """In strips only the rows that candidates as far apart as configured can read are convolved."""
+    (stage, _), views = CONFIG.stages, jax.random.uniform(jax.random.key(2), (3, 3, 41, 9))
+    config = preset("tiny", stages=(stage,))
+    variables = random_variables(config)
+    candidates = factor * jnp.asarray(stage.candidates) + 0.7
+    run = jax.jit(partial(infer, config=config, strip_rows=5))
+    stripped = run(variables, views, candidates=candidates)[0]
+    whole = jax.jit(OccCasNet(config).apply)(variables, views, candidates=candidates)[0]
+    np.testing.assert_allclose(stripped.disparity, whole.disparity, atol=1e-5)
+
+
+@pytest.mark.parametrize("grid", [(2, 4), (5, 1)])
+def test_grids_without_attention(grid):
+    stage = StageConfig((-1.5, -0.25, 0.5), aggregation=Residual(4, 0), attention=False)
+    config = preset("tiny", stages=(stage,), views=grid)
+    variables = random_variables(config)
+    views = jax.random.uniform(jax.random.key(3), (*grid, 19, 6))
+    stripped = jax.jit(partial(infer, config=config, strip_rows=4))(variables, views)[0]
+    whole = jax.jit(OccCasNet(config).apply)(variables, views)[0]
+    np.testing.assert_allclose(stripped.disparity, whole.disparity, atol=1e-5)
+
+
+def test_the_coarse_volume_is_not_made():
+    config = preset("cas_1")
+    views = jax.ShapeDtypeStruct((9, 9, 20, 14), jnp.float32)
+
+    def program(function):
+        return jax.jit(function).lower(variable_shapes(config), views).as_text()
+
+    assert "9x20x14x324x" in program(OccCasNet(config).apply)
+    assert "9x20x14x324x" not in program(partial(infer, config=config))
+    strips = program(partial(infer, config=config, strip_rows=1))
+    assert "stablehlo.case" not in strips  # the configured candidates are known to fit
+
+
+def test_the_published_network_on_reference_data(shared):
+    variables, config = load_weights(shared / "parity/official_layout_weights.h5", warp="correct")
+    with np.load(shared / "parity/correct_warp.npz") as published:
+        views, expected = jnp.asarray(published["light_field"]), published["disparity_refined"]
+    run = jax.jit(partial(infer, config=config, strip_rows=8))
+    error = np.abs(run(variables, views)[-1].disparity - expected)
+    assert error.max() < 1e-3  # as OccCasNet.apply, see test_published
+    assert np.median(error) < 1e-5
