@@ -1,6 +1,7 @@
 """Methods compared on a scene: a table of all measures, a radar chart, and pairs pixel by pixel.
 
     python -m experiments.compare_methods SCENE NAME=ESTIMATE NAME=ESTIMATE -o FOLDER
+    python -m experiments.compare_methods -o FOLDER --small           (a check of the script itself)
 
 SCENE is a folder of the HCI 4D benchmark with ground truth and masks, ESTIMATE a disparity map or a
 folder that ``occjax estimate`` wrote.
@@ -8,21 +9,30 @@ folder that ``occjax estimate`` wrote.
 Cost: seconds. Expected: ``scores.md``, which is printed too, ``radar.png``, and for every pair
 ``A_against_B.png``. The measures are those that the scene has masks for
 (:mod:`occjax.evaluation.benchmark`).
+
+``--small`` compares maps whose scores are known: the bundled sample's ground truth moved by 0.02,
+and moved by 0.1 in its left half alone.
 """
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 
 from experiments.command_line import main
 from experiments.markdown import markdown_table
+from occjax.cli.options import option
+from occjax.data.sample import sample
+from occjax.data.scenes import GROUND_TRUTH
 from occjax.errors import InputError
 from occjax.evaluation import BORDER, SceneScores, evaluate_scene, read_disparity
-from occjax.io import atomic_path, read_pfm
+from occjax.io import atomic_path, read_pfm, write_pfm
 from occjax.viz import pairwise_figure, radar_figure, save
 
 
@@ -50,23 +60,53 @@ def table(scores: dict[str, SceneScores]) -> str:
 
 
 def run(
-    scene: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(help="Folder of the scene.")]],
+    scene: tyro.conf.Positional[
+        Annotated[Path | None, option("Folder of the scene.", "SCENE")]
+    ] = None,
     estimates: tyro.conf.Positional[
-        Annotated[tuple[str, ...], tyro.conf.arg(help="NAME=ESTIMATE, at least one.")]
-    ],
+        Annotated[tuple[str, ...], option("One or more.", "NAME=ESTIMATE")]
+    ] = (),
+    *,
     output: Annotated[
         Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER", help="Folder of the results.")
     ],
     border: Annotated[int, tyro.conf.arg(help="Pixels left out at each side.")] = BORDER,
+    small: Annotated[bool, tyro.conf.arg(help="Compare maps whose scores are known.")] = False,
 ) -> dict[str, SceneScores]:
     """Write the table and the pictures, print the table, and return the scores by method."""
-    paths = named(estimates)
+    if small:
+        if scene is not None:
+            raise InputError("--small makes its own maps; leave out the scene and the estimates")
+        with tempfile.TemporaryDirectory() as folder:
+            return compare(*write_known(Path(folder)), output, border=border)
+    if scene is None or not estimates:
+        raise InputError("name a scene and one NAME=ESTIMATE or more, or try with --small")
+    return compare(scene, named(estimates), output, border=border)
+
+
+def compare(
+    scene: Path, paths: Mapping[str, Path], output: Path, *, border: int
+) -> dict[str, SceneScores]:
+    """Write the table and the pictures, and print the table.
+
+    Args:
+        scene: Folder with ground truth, and maybe masks.
+        paths: Estimates by the name of the method.
+        output: Folder of the results.
+        border: Pixels left out at each side.
+
+    Returns:
+        Scores by method.
+
+    Raises:
+        InputError: If a file is missing or cannot be used.
+    """
     scores = {name: evaluate_scene(scene, path, border=border) for name, path in paths.items()}
     with atomic_path(output / "scores.md") as temporary:
         temporary.write_text(table(scores) + "\n", encoding="utf-8")
     title = f"{scene.resolve().name}: inside is better, the numbers are those of the rim"
     save(radar_figure({n: s.values for n, s in scores.items()}, title=title), output / "radar.png")
-    truth = read_pfm(scene / "gt_disp_lowres.pfm")
+    truth = read_pfm(scene / GROUND_TRUTH)
     maps = {name: read_disparity(path) for name, path in paths.items()}
     for first, second in combinations(maps, 2):
         figure = pairwise_figure(
@@ -75,6 +115,30 @@ def run(
         save(figure, output / f"{first}_against_{second}.png")
     print(table(scores))
     return scores
+
+
+def write_known(folder: Path) -> tuple[Path, dict[str, Path]]:
+    """A scene and two estimates of it.
+
+    Inside any border, ``moved`` has MSE x100 0.04, BadPix 0, 0 and 100 % and Q25 x100 2; ``half``
+    has MSE x100 0.5, BadPix 50 % thrice and Q25 x100 0.
+
+    Args:
+        folder: For the files.
+
+    Returns:
+        Folder of the scene, and the estimates by name.
+    """
+    truth = sample().ground_truth
+    assert truth is not None
+    half = truth.copy()
+    half[:, : truth.shape[1] // 2] += np.float32(0.1)
+    maps = {"moved": truth + np.float32(0.02), "half": half}
+    write_pfm(folder / "sample" / GROUND_TRUTH, truth)
+    paths = {name: folder / f"{name}.pfm" for name in maps}
+    for name, path in paths.items():
+        write_pfm(path, maps[name])
+    return folder / "sample", paths
 
 
 if __name__ == "__main__":

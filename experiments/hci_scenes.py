@@ -15,6 +15,10 @@ from occjax.io.submission import SCENES, SIZE
 VIEWS = 81
 CENTRE = 40
 
+MASKS = "additional_invalid_area"
+"""Folder that published trainings keep beside the scenes: masks of some, in folders of their names.
+"""
+
 
 def check_names(scenes: Iterable[str]) -> None:
     """Refuse what is no scene of the benchmark, or named twice.
@@ -48,13 +52,35 @@ def find_scene(folder: Path, scene: str) -> Path | None:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; check the path")
-    places = [
-        path for path in (folder / scene, *sorted(folder.glob(f"*/{scene}"))) if path.is_dir()
-    ]
+    below = (path for path in sorted(folder.glob(f"*/{scene}")) if path.parent.name != MASKS)
+    places = [path for path in (folder / scene, *below) if path.is_dir()]
     if len(places) > 1:
         listed = " and ".join(str(path) for path in places)
         raise InputError(f"{folder}: has the scene {scene} as {listed}; remove one of them")
     return places[0] if places else None
+
+
+def every_scene(folder: Path, scenes: Iterable[str], advice: str) -> dict[str, Path]:
+    """Folders of scenes, all of which are there.
+
+    Args:
+        folder: Where the benchmark's archives were unpacked.
+        scenes: Names of the scenes.
+        advice: What to do if some are missing.
+
+    Returns:
+        By scene.
+
+    Raises:
+        InputError: Naming all scenes that are missing, or one that is there twice.
+    """
+    found = {scene: find_scene(folder, scene) for scene in scenes}
+    missing = [scene for scene, place in found.items() if place is None]
+    if missing:
+        raise InputError(
+            f"{folder}: has no folder of {', '.join(missing)}, here or one level below; {advice}"
+        )
+    return {scene: place for scene, place in found.items() if place is not None}
 
 
 def scene_folders(folder: Path, scenes: Iterable[str]) -> dict[str, Path]:
@@ -72,14 +98,9 @@ def scene_folders(folder: Path, scenes: Iterable[str]) -> dict[str, Path]:
     Raises:
         InputError: If a scene or a view is missing, or the centre view is not 512x512.
     """
-    found = {scene: find_scene(folder, scene) for scene in scenes}
-    missing = [scene for scene, place in found.items() if place is None]
-    if missing:
-        raise InputError(
-            f"{folder}: has no folder of {', '.join(missing)}, here or one level below; get them "
-            "from the benchmark, or choose others with --scenes"
-        )
-    places = {scene: place for scene, place in found.items() if place is not None}
+    places = every_scene(
+        folder, scenes, "get them from the benchmark, or choose others with --scenes"
+    )
     for place in places.values():
         _check_views(place)
     return places

@@ -137,18 +137,30 @@ def masks(
     jumps[:, :-1] |= across
     jumps[1:] |= down
     jumps[:-1] |= down
-    same_object = _largest_around(objects, 1) == -_largest_around(-objects, 1)
-    bend = _largest_around(facing, 1) + _largest_around(-facing, 1)
+    same_object = largest_around(objects, 1) == -largest_around(-objects, 1)
+    bend = largest_around(facing, 1) + largest_around(-facing, 1)
     return {
-        "discontinuities": _largest_around(jumps, NEAR_JUMP - 1),
+        "discontinuities": largest_around(jumps, NEAR_JUMP - 1),
         "planes": same_object & (bend < SAME_NORMAL),
         "plain": np.isin(objects, plain),
         "glossy": np.isin(objects, glossy),
     }
 
 
-def _largest_around(image: np.ndarray, radius: int) -> np.ndarray:
-    """Greatest value within a square around each pixel."""
+def largest_around(image: np.ndarray, radius: int) -> np.ndarray:
+    """Greatest value within a square around each pixel.
+
+    Args:
+        image: ``[H, W]`` values.
+        radius: The square's side is twice this and one more.
+
+    Returns:
+        ``[H, W]``.
+
+    Example:
+        >>> largest_around(np.array([[0, 3, 0, 1, 2]]), 1).tolist()
+        [[3, 3, 3, 2, 2]]
+    """
     padded = np.pad(image, radius, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * radius + 1,) * 2)
     return windows.max((-2, -1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -64,9 +64,35 @@ def validate(
         ``mse_x100``, ``badpix_0.07``, ``badpix_0.03`` and ``badpix_0.01``, the means over the
         scenes, and the same of each scene as ``<scene>/<measure>``.
     """
+    return score_scenes(
+        lambda sample: np.asarray(predict(variables, sample, config)),
+        scenes,
+        border=border,
+        pictures=pictures,
+    )
+
+
+def score_scenes(
+    estimate: Callable[[Sample], np.ndarray],
+    scenes: Sequence[Scene],
+    *,
+    border: int,
+    pictures: Path | None = None,
+) -> dict[str, float]:
+    """Scores of any estimate on each scene, and their means.
+
+    Args:
+        estimate: Gives the disparity ``[h, w]`` of a sample.
+        scenes: One or more.
+        border: Pixels left out at each side.
+        pictures: Folder for one picture of each scene: truth, estimate and error side by side.
+
+    Returns:
+        As of :func:`validate`.
+    """
     scores: dict[str, float] = {}
     for scene in scenes:
-        disparity = np.asarray(predict(variables, scene.sample, config))
+        disparity = estimate(scene.sample)
         truth, valid = np.asarray(scene.sample.disparity), np.asarray(scene.sample.valid)
         metrics = evaluate(disparity, truth, border=border, mask=valid)
         for name, value in _by_name(metrics).items():

@@ -27,7 +27,7 @@ def files(tmp_path):
 
 def test_the_table_and_the_pictures_are_written(files, tmp_path, capsys):
     scene, estimates = files
-    scores = compare_methods.run(scene, estimates, tmp_path / "out")
+    scores = compare_methods.run(scene, estimates, output=tmp_path / "out")
     assert scores["wrong"].values["discontinuities"] == 50.0
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {"scores.md", "radar.png", "wrong_against_perfect.png"}
@@ -47,3 +47,35 @@ def test_an_estimate_needs_a_name_that_fits_a_file(estimate):
 def test_names_are_given_once():
     with pytest.raises(InputError, match="two estimates"):
         compare_methods.named(("a=b.pfm", "a=c.pfm"))
+
+
+def test_the_small_form_has_the_scores_that_are_known(script, tmp_path):
+    code, out, err = script(compare_methods.run, "--small", "-o", tmp_path)
+    assert (code, err) == (0, "")
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("scores.md", "radar.png", "moved_against_half.png")
+    }
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in out.splitlines()]
+    assert cells[0] == ["measure", "moved", "half"]
+    assert {name: (float(moved), float(half)) for name, moved, half in cells[2:]} == {
+        "mse_x100": (0.04, 0.5),
+        "badpix_0.07": (0.0, 50.0),
+        "badpix_0.03": (0.0, 50.0),
+        "badpix_0.01": (100.0, 50.0),
+        "q25_x100": (2.0, 0.0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ((), "or try with --small"),
+        (("scene",), "one NAME=ESTIMATE or more"),
+        (("scene", "a=a.pfm", "--small"), "leave out the scene"),
+        (("scene", "a.pfm"), "is not NAME=ESTIMATE"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(script, tmp_path, arguments, says):
+    code, out, err = script(compare_methods.run, *arguments, "-o", tmp_path / "out")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert says in err

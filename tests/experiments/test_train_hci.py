@@ -1,0 +1,144 @@
+"""The small form trains, resumes and is scored; scenes and masks that are missing are named."""
+
+import dataclasses
+
+import imageio.v3 as imageio
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from experiments import hci_masks, train_hci
+from experiments.train_hci import ADDITIONAL, VALIDATION
+from occjax.data.samples import Sample
+from occjax.data.scenes import GROUND_TRUTH, Scene
+from occjax.errors import InputError
+from occjax.training import read_log
+
+
+def folders(hci, names=(*ADDITIONAL, *VALIDATION)):
+    """Empty scenes, all that a look at the folder can tell."""
+    for name in names:
+        (hci / "archive" / name).mkdir(parents=True)
+        (hci / "archive" / name / GROUND_TRUTH).touch()
+    return {name: hci / "archive" / name for name in names}
+
+
+def test_the_small_form_trains_and_goes_on(tmp_path, capsys):
+    scores = train_hci.run(output=tmp_path, small=True)
+    log = read_log(tmp_path / "training")
+    validated = [entry for entry in log if entry["kind"] == "validation"]
+    assert [entry["step"] for entry in validated] == [2, 4]
+    best = min(validated, key=lambda entry: entry["badpix_0.07"])
+    assert scores["whole"]["boxes/mse_x100"] == pytest.approx(best["boxes/mse_x100"], rel=1e-4)
+    assert scores["crops"]["mse_x100"] != scores["whole"]["mse_x100"]
+    printed = capsys.readouterr().out
+    written = (tmp_path / "scores.md").read_text()
+    assert written in printed
+    assert f"| boxes | {scores['whole']['badpix_0.07']:.3f} |" in written
+    assert "| paper, mean of 8 |  | 1.733 |  | 0.762 |" in written
+
+    assert train_hci.run(output=tmp_path, small=True) == scores
+    assert read_log(tmp_path / "training") == log
+    with pytest.raises(InputError, match="seed"):
+        train_hci.run(output=tmp_path, small=True, seed=1)
+
+
+def test_crops_are_averaged_where_they_overlap():
+    size = 16
+    ramp = jnp.tile(jnp.arange(size, dtype=jnp.float32), (size, 1))
+    sample = Sample(
+        views=jnp.broadcast_to(ramp, (3, 3, size, size)),
+        offsets=jnp.zeros((3, 3, 2)),
+        disparity=ramp.T,
+        visibility=jnp.ones((3, 3, size, size), bool),
+        valid=jnp.ones((size, size), bool),
+    )
+    # What is a function of place is recovered whole ...
+    both = train_hci.averaged_crops(
+        lambda crop: np.asarray(crop.views[1, 1] + 100 * crop.disparity), sample
+    )
+    np.testing.assert_allclose(both, ramp + 100 * ramp.T)
+    # ... and where crops differ, it is their mean: of crops numbered 0 to 8, row by row.
+    number = iter(range(9))
+    mean = train_hci.averaged_crops(
+        lambda crop: np.full(crop.disparity.shape, next(number)), sample
+    )
+    assert mean[0, 0] == 0.0
+    assert mean[0, 4] == 0.5
+    assert mean[5, 5] == np.mean([0, 1, 3, 4])
+    assert mean[15, 15] == 8.0
+
+
+def test_every_missing_scene_is_named_at_once(tmp_path):
+    gone = ("kitchen", "town", "dots")
+    folders(tmp_path, [name for name in (*ADDITIONAL, *VALIDATION) if name not in gone])
+    with pytest.raises(InputError, match=r"has no folder of kitchen, town, dots, here") as error:
+        train_hci.run(tmp_path, output=tmp_path / "out")
+    assert "antinous" not in str(error.value)
+
+
+def test_scenes_without_ground_truth_are_named(tmp_path):
+    places = folders(tmp_path)
+    (places["greek"] / GROUND_TRUTH).unlink()
+    with pytest.raises(InputError, match=f"{GROUND_TRUTH} is missing of greek"):
+        train_hci.run(tmp_path, output=tmp_path / "out")
+
+
+def test_masks_are_found_beside_the_scenes_or_in_them(tmp_path):
+    hci = tmp_path / "hci"
+    places = folders(hci)
+    with pytest.raises(InputError, match="kitchen, museum, vinyl should have masks"):
+        hci_masks.shared_masks(hci, places, None)
+    assert hci_masks.shared_masks(hci, places, None, needed=False) == {}
+    (places["museum"] / "mask.png").touch()
+    for folder in (hci / "additional_invalid_area", tmp_path / "elsewhere"):
+        for name in ("kitchen", "vinyl"):
+            (folder / name).mkdir(parents=True)
+            (folder / name / "invalid.png").touch()
+    for masks in (None, tmp_path / "elsewhere"):
+        found = hci_masks.shared_masks(hci, places, masks)
+        folder = masks or hci / "additional_invalid_area"
+        # That of museum is read with the scene.
+        assert found == {name: folder / name / "invalid.png" for name in ("kitchen", "vinyl")}
+    # The masks' folders are not taken for the scenes.
+    assert train_hci.places_of(hci, ADDITIONAL)["kitchen"] == places["kitchen"]
+    (tmp_path / "elsewhere/vinyl/other.png").touch()
+    with pytest.raises(InputError, match="has 2 images"):
+        hci_masks.shared_masks(hci, places, tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="no such folder of masks"):
+        hci_masks.shared_masks(hci, places, tmp_path / "absent")
+
+
+def test_opaque_pixels_are_masked(tmp_path):
+    valid = np.ones((4, 5), bool)
+    valid[3] = False
+    scene = Scene("kitchen", np.zeros(0), np.zeros(0), np.zeros((4, 5)), valid, masked=False)
+    image = np.full((4, 5, 4), 200, np.uint8)
+    image[..., 3] = 0
+    image[1, 2, 3] = 255
+    imageio.imwrite(tmp_path / "a.png", image)
+    masked = hci_masks.with_mask(scene, tmp_path / "a.png")
+    expected = valid.copy()
+    expected[1, 2] = False
+    np.testing.assert_array_equal(masked.valid, expected)
+    assert masked.masked
+    grey = np.zeros((4, 5), np.uint8)
+    grey[1, 2] = 9
+    imageio.imwrite(tmp_path / "g.png", grey)
+    np.testing.assert_array_equal(hci_masks.with_mask(scene, tmp_path / "g.png").valid, expected)
+    assert hci_masks.with_mask(scene, None) is scene
+    small = dataclasses.replace(scene, disparity=np.zeros((2, 2)), valid=np.ones((2, 2), bool))
+    with pytest.raises(InputError, match=r"is \[4, 5\] but the views are \[2, 2\]"):
+        hci_masks.with_mask(small, tmp_path / "g.png")
+    imageio.imwrite(tmp_path / "all.png", np.full((4, 5, 4), 255, np.uint8))
+    with pytest.raises(InputError, match="masks every pixel"):
+        hci_masks.with_mask(scene, tmp_path / "all.png")
+    (tmp_path / "b.png").write_bytes(b"no image")
+    with pytest.raises(InputError, match=r"b\.png"):
+        hci_masks.with_mask(scene, tmp_path / "b.png")
+
+
+def test_a_folder_or_small_is_needed(tmp_path):
+    for arguments in ({}, {"hci": tmp_path, "small": True}):
+        with pytest.raises(InputError, match="or --small alone"):
+            train_hci.run(output=tmp_path / "out", **arguments)
