@@ -69,7 +69,7 @@ _AROUND = (
 def _light(width: int, context: tuple[int, ...]) -> NetworkConfig:
     """Volumes of sectors for any arrangement of views, in one size."""
     search = StageConfig(
-        sampled(-4.0, 4.0, 1 / 3),
+        sampled(-4.0, 4.0, 1 / 4),
         volume="sectors",
         aggregation=None,
         attention=False,
