@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -69,9 +71,10 @@ class ProposalChoice(nn.Module):
             _what_speaks_for_each(proposals, level),
             _who_proposes(proposals, self.places),
         ]
-        x = per_pixel(jax.lax.stop_gradient(jnp.concatenate(speaking, axis=1)))
-        x = nn.relu(nn.Dense(width, dtype=self.dtype, name="enter")(x))
-        x = Residual3x3(dtype=self.dtype, name="residual_0")(x)
+        maps = jax.lax.stop_gradient(jnp.concatenate(speaking, axis=1))
+        enter = nn.Dense(width, dtype=self.dtype, name="enter")
+        residual = Residual3x3(dtype=self.dtype, name="residual_0")
+        groups = [residual(nn.relu(enter(per_pixel(group)))) for group in _in_groups(maps)]
         seen = [
             (proposals.centre - 0.5)[None],
             jnp.stack(central_differences(proposals.disparity)),
@@ -80,17 +83,20 @@ class ProposalChoice(nn.Module):
             0.3 * jnp.log(level + LITTLE),
         ]
         context = self._context(
-            jnp.concatenate([_over_all(x), per_pixel(jnp.concatenate(seen)[None])], axis=-1)
+            jnp.concatenate([_over_all(groups), per_pixel(jnp.concatenate(seen)[None])], axis=-1)
         )
         gate, shift = jnp.split(
             nn.Dense(2 * width, dtype=self.dtype, name="context")(context), 2, axis=-1
         )
-        x = _normalised(x * nn.sigmoid(gate) + shift, "gated", self.dtype)
-        x = Residual3x3(dtype=self.dtype, name="residual_1")(x)
-        others = nn.Dense(width, dtype=self.dtype, name="others")(_over_all(x))
-        x = nn.relu(ImageConv(width, dtype=self.dtype, name="leave")(x) + others)
-        score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")(x)
-        scores = depth_to_space(score)[..., 0].astype(jnp.float32)
+        gate = nn.sigmoid(gate)
+        norm = nn.LayerNorm(dtype=self.dtype, name="gated_norm")
+        residual = Residual3x3(dtype=self.dtype, name="residual_1")
+        groups = [residual(nn.relu(norm(group * gate + shift))) for group in groups]
+        others = nn.Dense(width, dtype=self.dtype, name="others")(_over_all(groups))
+        leave = ImageConv(width, dtype=self.dtype, name="leave")
+        score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
+        scores = [score(nn.relu(leave(group) + others)) for group in groups]
+        scores = depth_to_space(jnp.concatenate(scores))[..., 0].astype(jnp.float32)
         stay = self.param("stay", nn.initializers.constant(UNTRAINED), (), jnp.float32)
         return scores.at[0].add(stay)
 
@@ -181,9 +187,17 @@ def _way(place: tuple[int, int]) -> list[tuple[int, int]]:
     ]
 
 
-def _over_all(x: Float[Array, "k i j c"]) -> Float[Array, "1 i j _"]:
+def _in_groups(proposals: Array) -> list[Array]:
+    """Two at a time, which XLA convolves on a CPU with all cores; ten at once, with one."""
+    return [proposals[first : first + 2] for first in range(0, len(proposals), 2)]
+
+
+def _over_all(groups: list[Float[Array, "k i j c"]]) -> Float[Array, "1 i j _"]:
     """Mean and maximum over the proposals."""
-    return jnp.concatenate([_mean(x)[None], greatest_plane(x)[None]], axis=-1)
+    number = sum(map(len, groups))
+    mean = functools.reduce(jnp.add, map(sum_planes, groups)) / number
+    most = functools.reduce(jnp.maximum, map(greatest_plane, groups))
+    return jnp.concatenate([mean[None], most[None]], axis=-1)
 
 
 def _mean(planes: Float[Array, "n ..."]) -> Float[Array, "..."]:
