@@ -5,10 +5,9 @@
     python -m experiments.validation_scores --small        (seconds, for the test)
 
 Cost: ten seconds a scene of 256x256 pixels for the two models of the default. Nothing is trained on
-the scenes of seeds 1000 to 1007. Expected: the light network is ahead in MSE, and in BadPix 0.07 by
-little but for the room of seed 1001, with whose dim walls and noise its search of fewer views and
-candidates does not cope. All are far from the percents of the HCI benchmark, whose scenes have no
-such noise. The table kept beside this file has the five scenes rendered so far.
+the scenes of seeds 1000 to 1007. Expected: the light network is ahead in the mean of every measure,
+by little; in the noisy room of seed 1001 it is behind, its search has fewer views and candidates.
+All are far from the percents of the HCI benchmark, whose scenes have no such noise.
 """
 
 from __future__ import annotations

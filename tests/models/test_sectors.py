@@ -43,7 +43,7 @@ def test_any_grid_and_any_size_give_a_map_of_that_size(variables, shape):
     for output in outputs:
         assert output.disparity.shape == shape[2:]
         assert np.isfinite(output.disparity).all()
-    assert outputs[0].probabilities.shape == (25, *shape[2:])
+    assert outputs[0].probabilities.shape == (33, *shape[2:])
     assert outputs[1].probabilities.shape == (1 + 8 + 1, *shape[2:])  # itself, neighbours, second
     for output in outputs[:2]:
         np.testing.assert_allclose(output.probabilities.sum(0), 1, atol=1e-5)
@@ -71,7 +71,7 @@ def test_views_twice_as_far_apart_have_half_the_disparity(variables):
         np.testing.assert_allclose(other.disparity, one.disparity / 2, atol=1e-5)
     np.testing.assert_allclose(far[0].candidates, candidates / 2, rtol=1e-6)
     default = apply(variables, views, 2 * offsets)[0].candidates
-    np.testing.assert_allclose(default, np.linspace(-8, 8, 25), atol=1e-5)  # reach 4, views 2 apart
+    np.testing.assert_allclose(default, np.linspace(-8, 8, 33), atol=1e-5)  # reach 4, views 2 apart
 
 
 def test_candidates_of_any_number_can_be_given(variables):
