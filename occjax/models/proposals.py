@@ -132,12 +132,15 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
     prior = of_kind(config.stages[0].semi_global, SemiGlobalConfig)
     derivative, dtype = compared.derivative_truncation, grey.views.dtype
     noise = noise_level(grey.views, candidates, offsets=grey.offsets)
+    # A central difference, half of that of two pixels, has half the variance.
+    noise = noise * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], dtype))
+    truncation = jnp.array([compared.grey_truncation, derivative, derivative], dtype)
     costs = aperture_costs(
         jnp.concatenate([grey.views[..., None], grey.derivatives], axis=-1),
         candidates,
-        truncation=jnp.array([compared.grey_truncation, derivative, derivative], dtype),
-        # A central difference, half of that of two pixels, has half the variance.
-        noise=noise * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], dtype)),
+        # Where noise alone is beyond it, all candidates would be alike.
+        truncation=jnp.hypot(truncation, noise),
+        noise=noise,
         offsets=grey.offsets,
     )
     aggregated = semi_global(
