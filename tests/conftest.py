@@ -1,6 +1,7 @@
 """Strict JAX for every test, and the one table of tolerances."""
 
 import os
+import sys
 
 os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -42,3 +43,30 @@ def shared():
     if not folder.is_dir():
         pytest.skip("the folder of shared reference data is not beside this checkout")
     return folder
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory):
+    """The user's cache folder; one for all tests, since filling it is most of their time."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def occjax_command(monkeypatch, capsys, cache):
+    """Run ``occjax ARGUMENTS``; returns exit code, standard output and standard error."""
+    from occjax import cli  # not before the types of all arguments are checked
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    options = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    before = [getattr(jax.config, option) for option in options]
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["occjax", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        printed = capsys.readouterr()
+        return stopped.value.code, printed.out, printed.err
+
+    yield command
+    for option, value in zip(options, before, strict=True):
+        jax.config.update(option, value)

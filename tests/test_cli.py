@@ -8,40 +8,19 @@ import sys
 from pathlib import Path
 
 import imageio.v3 as imageio
-import jax
 import numpy as np
 import pytest
 
 import occjax
-from occjax import cli
 from occjax.cli import estimating
 from occjax.io import read_pfm, write_pfm
 from tests.scenes import plane
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    """The user's cache folder; one for all tests, since filling it is most of their time."""
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
-def run(monkeypatch, capsys, cache):
+def run(occjax_command):
     """Run ``occjax ARGUMENTS``; returns exit code, standard output and standard error."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
-    options = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-    before = [getattr(jax.config, option) for option in options]
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["occjax", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        printed = capsys.readouterr()
-        return stopped.value.code, printed.out, printed.err
-
-    yield command
-    for option, value in zip(options, before, strict=True):
-        jax.config.update(option, value)
+    return occjax_command
 
 
 @pytest.fixture

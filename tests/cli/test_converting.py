@@ -1,14 +1,12 @@
 """``occjax convert`` as a user types it: what it writes, says and refuses."""
 
-import sys
+import functools
 
 import imageio.v3 as imageio
-import jax
 import numpy as np
 import pytest
 from PIL import Image
 
-from occjax import cli
 from occjax.io import read_pfm, write_pfm
 from tests.io.files import CONFIG
 from tests.io.test_ply import read_vertices
@@ -25,26 +23,13 @@ def depth_of(disparity):
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
+def run(occjax_command, monkeypatch, tmp_path):
     """Run ``occjax convert ARGUMENTS`` in a folder; returns exit code, output and errors."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    options = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
-    before = [getattr(jax.config, option) for option in options]
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     np.save("disparity.npy", DISPARITY)
     write_pfm("disparity.pfm", DISPARITY)
-
-    def command(*arguments):
-        monkeypatch.setattr(sys, "argv", ["occjax", "convert", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        printed = capsys.readouterr()
-        return stopped.value.code, printed.out, printed.err
-
-    yield command
-    for option, value in zip(options, before, strict=True):
-        jax.config.update(option, value)
+    return functools.partial(occjax_command, "convert")
 
 
 @pytest.fixture
