@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, OccCasNet, StageOutput
+from occjax.models.cascade import COMBINED
 from occjax.models.config import Residual, of_kind
 from occjax.models.stages import stage_output
 from occjax.ops import (
@@ -90,9 +91,11 @@ def infer(
         if before is None and candidates is not None:
             values = candidates
         maps = method("occlusion", index, views, before, ground_truth)
-        volume = _StageVolume(features, values, before, maps, _offsets(network, before))
+        volume = _StageVolume(
+            features, values, before, maps, _offsets(network, before), COMBINED[stage.volume]
+        )
         attention = method("attend", index, volume.channel_means()) if stage.attention else None
-        if before is None and maps is None:
+        if before is None and maps is None and stage.volume == "concatenate":
             span = stage.candidates[-1] - stage.candidates[0]
             kernel = method("first_kernel", index, attention)
             compute = _on_convolved(method, index, volume, kernel, span)
@@ -135,10 +138,10 @@ def _on_convolved(method, index, volume, kernel, span):
 class _StageVolume:
     """The cost volume of a stage, computed in parts."""
 
-    def __init__(self, features, candidates, before, maps, offsets):
+    def __init__(self, features, candidates, before, maps, offsets, combine):
         self.features, self.candidates, self.before = features, candidates, before
         self.weights = None if maps is None else occlusion_weights(maps)
-        self.offsets = offsets
+        self.offsets, self.combine = offsets, combine
 
     def channel_means(self) -> Float[Array, " k"]:
         """Mean of each channel over candidates and pixels, one row of views at a time."""
@@ -176,7 +179,12 @@ class _StageVolume:
             per_view = attention[:, :, None, None]
             shape = (*attention.shape, rows, self.features.shape[3])
             weights = jnp.broadcast_to(per_view, shape) if weights is None else weights * per_view
-        options = {"weights": weights, "offsets": self.offsets, "streamed": True}
+        options = {
+            "weights": weights,
+            "offsets": self.offsets,
+            "combine": self.combine,
+            "streamed": True,
+        }
         if self.before is None:
             return coarse_volume(self.features, self.candidates, rows=(first, rows), **options)
         before = cut(self.before, 0)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -17,12 +20,20 @@ from occjax.models.sectors import SectorCascade
 from occjax.models.stages import StageOutput, stage_output
 from occjax.ops import (
     coarse_volume,
+    concatenate,
+    mean_and_variance,
     occlusion_maps,
     occlusion_weights,
     refined_volume,
     view_offsets,
 )
 from occjax.ops.sampling import as_images
+from occjax.ops.volume import Combine
+
+COMBINED: Mapping[str, Combine] = MappingProxyType(
+    {"concatenate": concatenate, "statistics": mean_and_variance}
+)
+"""What becomes of the registered views, by the kind of volume."""
 
 
 class OccCasNet(nn.Module):
@@ -108,7 +119,7 @@ class OccCasNet(nn.Module):
             if before is None and candidates is not None:
                 values = candidates
             maps = self.occlusion(index, views, before, ground_truth)
-            volume = self.volume(features, values, before, maps)
+            volume = self.volume(index, features, values, before, maps)
             attention = self.attend(index, volume.mean((0, 1, 2), dtype=jnp.float32))
             scores = self.aggregate(index, volume, attention, train=train)
             outputs.append(stage_output(scores, values, before, attention, maps))
@@ -198,6 +209,7 @@ class OccCasNet(nn.Module):
 
     def volume(
         self,
+        index: int,
         features: Float[Array, "v u h w c"],
         candidates: Float[Array, " d"],
         before: Float[Array, "h w"] | None,
@@ -205,10 +217,12 @@ class OccCasNet(nn.Module):
     ) -> Float[Array, "d h w k"]:
         """Cost volume of a stage: coarse if there is no disparity before it, else refined."""
         weights = None if maps is None else occlusion_weights(maps)
+        combine = COMBINED[self.config.stages[index].volume]
         if before is None:
-            return coarse_volume(features, candidates, weights=weights)
+            return coarse_volume(features, candidates, weights=weights, combine=combine)
+        offsets = self.warp_offsets()
         return refined_volume(
-            features, before, candidates, weights=weights, offsets=self.warp_offsets()
+            features, before, candidates, weights=weights, offsets=offsets, combine=combine
         )
 
     def warp_offsets(self) -> Float[Array, "v u 2"]:

@@ -95,8 +95,8 @@ class ProposalChoice(nn.Module):
         others = nn.Dense(width, dtype=self.dtype, name="others")(_over_all(groups))
         leave = ImageConv(width, dtype=self.dtype, name="leave")
         score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
-        scores = [score(nn.relu(leave(group) + others)) for group in groups]
-        scores = depth_to_space(jnp.concatenate(scores))[..., 0].astype(jnp.float32)
+        scored = jnp.concatenate([score(nn.relu(leave(group) + others)) for group in groups])
+        scores = depth_to_space(scored)[..., 0].astype(jnp.float32)
         stay = self.param("stay", nn.initializers.constant(UNTRAINED), (), jnp.float32)
         return scores.at[0].add(stay)
 

@@ -7,7 +7,7 @@ from types import NoneType
 from typing import Any, Literal, TypeVar, get_args
 
 OcclusionSource = Literal["none", "coarse", "ground_truth"]
-VolumeKind = Literal["concatenate", "sectors"]
+VolumeKind = Literal["concatenate", "statistics", "sectors"]
 Warp = Literal["correct", "transposed"]
 FeatureStatistics = Literal["pooled", "per_view"]
 Part = TypeVar("Part")
@@ -121,8 +121,10 @@ class StageConfig:
     Attributes:
         candidates: Disparities of the first stage, or residuals around the stage before it, in
             pixels per view step; a stage that makes a ``Choice`` has none.
-        volume: ``"concatenate"`` the features of all views (eqs. 2, 3 and 8), or costs in eight
-            ``"sectors"`` of the aperture (:mod:`occjax.ops.sectors`), for any arrangement of views.
+        volume: ``"concatenate"`` the features of all views (eqs. 2, 3 and 8); ``"statistics"``,
+            their mean and variance over the views (:func:`occjax.ops.mean_and_variance`), in which
+            no channel is left of a single view to attend to; or costs in eight ``"sectors"`` of the
+            aperture (:mod:`occjax.ops.sectors`), for any arrangement of views.
         aggregation: From the volume to a score for each candidate; None for a first volume of
             sectors, which is aggregated semi-globally.
         occlusion: Disparity from which occlusion weights are made: none (no weights), that of the
@@ -165,6 +167,8 @@ class StageConfig:
             raise ValueError("a volume of sectors is aggregated by a Choice or not at all")
         if self.volume == "sectors" and (self.attention or self.occlusion == "ground_truth"):
             raise ValueError("a volume of sectors has no attention and takes no ground truth")
+        if self.volume == "statistics" and self.attention:
+            raise ValueError("a volume of statistics has no channels of single views to attend to")
         if (self.neighbours or self.plane_steps) and not chooses:
             raise ValueError("neighbours and plane_steps are those of a Choice")
         places = set(self.neighbours)
@@ -240,10 +244,10 @@ class NetworkConfig:
                 f"channel attention mirrors an octant of a square grid of odd size, not {v}x{u}; "
                 "set attention=False in every stage"
             )
-        shapes = {(stage.aggregation, stage.attention) for stage in self.stages}
+        shapes = {(stage.aggregation, stage.attention, stage.volume) for stage in self.stages}
         if self.shared_aggregation and len(shapes) > 1:
             raise ValueError(
-                "stages that share an aggregation must agree in width, depth and attention"
+                "stages that share an aggregation must agree in width, depth, attention and volume"
             )
 
     @property

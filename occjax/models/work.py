@@ -180,7 +180,9 @@ def _stage(
 ) -> Iterator[Layer]:
     """Attention and aggregation of a stage; ``part`` numbers its weights."""
     grid = of_kind(config.views, tuple)
-    depth = prod(grid) * of_kind(config.features, FeatureConfig).channels
+    # Mean and variance, or the features of each view.
+    planes = 2 if stage.volume == "statistics" else prod(grid)
+    depth = planes * of_kind(config.features, FeatureConfig).channels
     shape = (len(stage.candidates), *image_size)
     if stage.attention:
         side, hidden = grid[0] // 2 + 1, config.attention_width

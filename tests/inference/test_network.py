@@ -1,5 +1,6 @@
 """Inference in strips gives the answer of the whole image."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -111,3 +112,14 @@ def test_the_published_network_on_reference_data(shared):
     error = np.abs(run(variables, views)[-1].disparity - expected)
     assert error.max() < 1e-3  # as OccCasNet.apply, see test_published
     assert np.median(error) < 1e-5
+
+
+def test_strips_of_volumes_of_statistics():
+    stages = (replace(stage, attention=False, volume="statistics") for stage in CONFIG.stages)
+    config = replace(CONFIG, stages=tuple(stages))
+    views = jax.random.uniform(jax.random.key(1), (3, 3, 37, 11))
+    variables = random_variables(config)
+    whole = jax.jit(OccCasNet(config).apply)(variables, views)
+    stripped = jax.jit(partial(infer, config=config, strip_rows=10))(variables, views)
+    for strip, full in zip(stripped, whole, strict=True):
+        np.testing.assert_allclose(strip.disparity, full.disparity, atol=1e-5)

@@ -1,5 +1,6 @@
 """The cascade as a function: shapes, vmapped training statistics, options, gradients."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -141,3 +142,19 @@ def test_bfloat16_stays_near_float32(tiny_variables, tiny_views, tolerance):
     candidates = preset("tiny").stages[0].candidates
     disparity_range = candidates[-1] - candidates[0]
     assert np.abs(exact - rounded).mean() < tolerance("bfloat16")["rtol"] * disparity_range
+
+
+def test_a_volume_of_statistics_has_the_mean_and_variance_over_the_views():
+    stages = (replace(stage, attention=False, volume="statistics") for stage in TINY.config.stages)
+    network = OccCasNet(replace(TINY.config, stages=tuple(stages)))
+    features = np.random.default_rng(0).normal(size=(3, 3, 6, 5, 4)).astype(np.float32)
+    here = jnp.zeros(1)  # where views are in register as they are
+    coarse = network.apply({}, 0, jnp.asarray(features), here, None, None, method="volume")
+    maps = jnp.zeros((3, 3, 6, 5)).at[0].set(1.0)  # the upper row is occluded
+    refined = network.apply(
+        {}, 1, jnp.asarray(features), here, jnp.zeros((6, 5)), maps, method="volume"
+    )
+    for volume, views in ((coarse, features.reshape(9, 6, 5, 4)), (refined, features[1:])):
+        views = views.reshape(-1, 6, 5, 4)
+        expected = np.concatenate([views.mean(0), views.var(0)], axis=-1)
+        np.testing.assert_allclose(volume[0], expected, atol=1e-5)

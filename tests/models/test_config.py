@@ -105,7 +105,7 @@ def test_an_unknown_preset_lists_the_known_ones():
                 "stages": (StageConfig((0.0, 1.0)), StageConfig((0.0, 1.0), attention=False)),
                 "shared_aggregation": True,
             },
-            "and attention",
+            "attention and volume",
         ),
     ],
 )
@@ -121,6 +121,7 @@ def test_what_cannot_be_built_says_why(options, message):
         (lambda: _one_of("warp", "transpose", Warp), "correct or transposed, not 'transpose'"),
         (lambda: StageConfig(()), "two or more, ascending"),
         (lambda: StageConfig((1.0, 0.0)), "two or more, ascending"),
+        (lambda: StageConfig((0.0, 1.0), volume="statistics"), "no channels of single views"),
         (lambda: FeatureConfig(blocks=(1, 1)), "for 4, 2 and 4"),
         (lambda: sampled(-1.0, 1.0, 0.0), "does not divide"),
     ],

@@ -1,6 +1,7 @@
 """Counted work against counting loops, the paper's tables, XLA and Flax's own variables."""
 
 from collections import defaultdict
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -150,6 +151,15 @@ def test_xla_counts_the_same_within_two_percent(name):
 def test_parameters_are_those_that_flax_makes(name):
     variables = jax.tree.leaves(variable_shapes(preset(name)))
     assert count_parameters(preset(name)) == sum(array.size for array in variables)
+
+
+def test_layers_on_a_volume_of_statistics_are_those_that_flax_makes():
+    stages = (
+        replace(stage, attention=False, volume="statistics") for stage in preset("tiny").stages
+    )
+    config = replace(preset("tiny"), stages=tuple(stages))
+    variables = jax.tree.leaves(variable_shapes(config))
+    assert count_parameters(config) == sum(array.size for array in variables)
 
 
 def test_networks_compared_with_have_the_published_parameters():
