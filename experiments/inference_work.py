@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
+from jaxtyping import Array, Float
 
 from experiments.command_line import main
 from experiments.efficiency_table import tera
@@ -117,12 +118,14 @@ def count(name: str, config: NetworkConfig, size: int) -> Row:
     return Row(name, count_flops(config, (size, size), padding=False), *whole, *strips)
 
 
-def difference(config: NetworkConfig, height: int = 48, width: int = 40) -> tuple[float, float]:
-    """Largest and median difference of disparity between inference and the network as written.
+def random_light_field(
+    config: NetworkConfig, height: int, width: int
+) -> tuple[dict, Float[Array, "v u h w"]]:
+    """Random weights and views.
 
-    Weights and views are random; inference works in strips of eight rows. The scores are scaled to
-    the few units that a trained network has: random ones are thousands, and a pixel at which two
-    candidates tie jumps from one to the other with the last bit, in any order of the sums.
+    The scores are scaled to the few units that a trained network has: random ones are thousands,
+    and a pixel at which two candidates tie jumps from one to the other with the last bit, in any
+    order of the sums.
     """
     generator = np.random.default_rng(0)
 
@@ -141,7 +144,15 @@ def difference(config: NetworkConfig, height: int = 48, width: int = 40) -> tupl
 
     variables = jax.tree_util.tree_map_with_path(draw, variable_shapes(config))
     shape = (*of_kind(config.views, tuple), height, width)
-    views = jnp.asarray(generator.uniform(size=shape), jnp.float32)
+    return variables, jnp.asarray(generator.uniform(size=shape), jnp.float32)
+
+
+def difference(config: NetworkConfig, height: int = 48, width: int = 40) -> tuple[float, float]:
+    """Largest and median difference of disparity between inference and the network as written.
+
+    On a random light field, in strips of eight rows.
+    """
+    variables, views = random_light_field(config, height, width)
     written = jax.jit(OccCasNet(config).apply)(variables, views)
     inferred = jax.jit(partial(infer, config=config, strip_rows=8))(variables, views)
     apart = np.abs(

@@ -1,0 +1,96 @@
+"""What a peer must know of a network, and how that gets from one environment to another."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+Variables = Mapping[str, np.ndarray]
+"""Values by their path in occjax, without the collection: ``features/stem_0/kernel`` is
+``variables["params"]["features"]["stem_0"]["kernel"]``. Kernels are ``[*taps, in, out]``."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of the cascade.
+
+    Attributes:
+        candidates: Disparities of the first stage, later residuals around the stage before.
+        occlusion: Whether the views are weighted by occlusion maps of the stage before.
+        pairs: Residual blocks of the aggregation.
+        width: Its channels.
+    """
+
+    candidates: tuple[float, ...]
+    occlusion: bool
+    pairs: int
+    width: int
+
+
+@dataclass(frozen=True)
+class Network:
+    """A cascade on a square grid of views, each stage with attention and its own weights.
+
+    Attributes:
+        side: Views in each direction, odd.
+        stem: Channels of the two first convolutions of the features.
+        groups: Channels, number of blocks and dilation of each group of residual blocks.
+        pooled: Side lengths of the pyramid's average pooling.
+        pooled_width: Channels of each branch of the pyramid.
+        fused: Channels of the convolution over the branches.
+        channels: Channels of the features.
+        attention_width: Hidden units of the attention.
+        stages: In order.
+    """
+
+    side: int
+    stem: int
+    groups: tuple[tuple[int, int, int], ...]
+    pooled: tuple[int, ...]
+    pooled_width: int
+    fused: int
+    channels: int
+    attention_width: int
+    stages: tuple[Stage, ...]
+
+
+def save(folder: Path, network: Network, variables: Variables, views: np.ndarray) -> None:
+    """Write all that a peer needs, for :func:`load`."""
+    (folder / "network.json").write_text(json.dumps(asdict(network)))
+    np.savez(folder / "variables.npz", **variables)
+    np.save(folder / "views.npy", views)
+
+
+def load(folder: Path) -> tuple[Network, Variables, np.ndarray]:
+    """Read network, variables and views."""
+    fields = json.loads((folder / "network.json").read_text())
+    stages = tuple(
+        Stage(**{**stage, "candidates": tuple(stage["candidates"])}) for stage in fields["stages"]
+    )
+    groups = tuple(tuple(group) for group in fields["groups"])
+    network = Network(
+        **{**fields, "groups": groups, "pooled": tuple(fields["pooled"]), "stages": stages}
+    )
+    with np.load(folder / "variables.npz") as file:
+        variables = dict(file)
+    return network, variables, np.load(folder / "views.npy")
+
+
+def octant_of_views(side: int) -> np.ndarray:
+    """``[side, side]`` which of the learned weights each view has.
+
+    The weights are the upper triangle of a symmetric quadrant, row by row, mirrored to all views.
+
+    Example:
+        >>> octant_of_views(3).tolist()
+        [[0, 1, 0], [1, 2, 1], [0, 1, 0]]
+    """
+    half = side // 2 + 1
+    quadrant = np.zeros((half, half), int)
+    row, column = np.triu_indices(half)
+    quadrant[row, column] = quadrant[column, row] = np.arange(len(row))
+    return np.pad(quadrant, (0, side - half), mode="reflect")

@@ -1,0 +1,173 @@
+"""The network in TensorFlow 2."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import tensorflow as tf
+
+from experiments.bench.peers.description import Network, Stage, Variables, octant_of_views
+
+EPSILON = 1e-3
+
+
+class OccCasNet(tf.Module):
+    """The cascade. Its variables are constants, which lets the graph's optimiser fold them."""
+
+    def __init__(self, network: Network, variables: Variables) -> None:
+        super().__init__()
+        self.network = network
+        self.values = {name: tf.constant(value) for name, value in variables.items()}
+
+    @tf.function
+    def __call__(self, views: tf.Tensor) -> tf.Tensor:
+        """Views ``[v, u, h, w]`` to the disparity ``[h, w]`` of the last stage."""
+        side, _, height, width = views.shape
+        images = tf.reshape(views, (side**2, height, width, 1))
+        centre = images[side**2 // 2][None]
+        features = self.features(images)
+        disparity = tf.zeros((height, width))
+        for index, stage in enumerate(self.network.stages):
+            weights = tf.ones(())
+            if stage.occlusion:
+                difference = tf.abs(warp(images, disparity) - centre)
+                weights = (1 - tf.clip_by_value(difference, 0, 1)) ** 2
+            planes = []
+            for candidate in stage.candidates:
+                if index == 0:
+                    registered = shift(features, candidate)
+                else:
+                    registered = warp(features, disparity + candidate)
+                plane = tf.transpose(registered * weights, (1, 2, 0, 3))
+                planes.append(tf.reshape(plane, (height, width, -1)))
+            volume = tf.stack(planes)
+            volume = volume * self.attention(index, tf.reduce_mean(volume, (0, 1, 2)))
+            scores = self.aggregation(index, stage, volume[None])
+            candidates = tf.constant(stage.candidates)[:, None, None]
+            disparity = disparity + tf.reduce_sum(tf.nn.softmax(scores, 0) * candidates, 0)
+        return disparity
+
+    def conv(self, name: str, x: tf.Tensor, dilation: int = 1) -> tf.Tensor:
+        """Convolution of images or a volume, zero padding."""
+        kernel = self.values[f"{name}/kernel"]
+        if len(kernel.shape) == 5:
+            return tf.nn.conv3d(x, kernel, (1, 1, 1, 1, 1), "SAME")
+        return tf.nn.conv2d(x, kernel, 1, "SAME", dilations=dilation)
+
+    def norm(self, name: str, x: tf.Tensor) -> tf.Tensor:
+        """BatchNorm by its running averages."""
+        mean, variance, bias, scale = (
+            self.values[f"{name}/{part}"] for part in ("mean", "var", "bias", "scale")
+        )
+        return tf.nn.batch_normalization(x, mean, variance, bias, scale, EPSILON)
+
+    def layer(self, name: str, x: tf.Tensor) -> tf.Tensor:
+        """conv-BN-ReLU."""
+        return tf.nn.relu(self.norm(f"{name}_norm", self.conv(name, x)))
+
+    def features(self, images: tf.Tensor) -> tf.Tensor:
+        """Images ``[n, h, w, 1]`` to ``[n, h, w, c]``."""
+        network = self.network
+        x = self.layer("features/stem_1", self.layer("features/stem_0", images))
+        groups = []
+        for group, (_, blocks, dilation) in enumerate(network.groups):
+            for block in range(blocks):
+                name = f"features/group_{group}_block_{block}"
+                x = self.block(name, x, dilation, projected=block == 0 and group > 0)
+            groups.append(x)
+        pyramid = [
+            tf.raw_ops.ResizeBilinear(
+                images=self.layer(
+                    f"features/pooled_{size}", tf.nn.avg_pool2d(x, size, size, "SAME")
+                ),
+                size=images.shape[1:3],
+                align_corners=True,
+            )
+            for size in network.pooled
+        ]
+        joined = tf.concat([groups[1], x, *reversed(pyramid)], -1)
+        return self.conv("features/output", self.layer("features/fused", joined))
+
+    def block(self, name: str, x: tf.Tensor, dilation: int, *, projected: bool) -> tf.Tensor:
+        """conv-BN-ReLU-conv-BN plus the input, which may pass a 1x1 convolution."""
+        shortcut = x
+        if projected:
+            shortcut = self.norm(f"{name}/shortcut_norm", self.conv(f"{name}/shortcut", x))
+        x = tf.nn.relu(self.norm(f"{name}/norm_0", self.conv(f"{name}/conv_0", x, dilation)))
+        return self.norm(f"{name}/norm_1", self.conv(f"{name}/conv_1", x, dilation)) + shortcut
+
+    def attention(self, index: int, mean: tf.Tensor) -> tf.Tensor:
+        """Means ``[v * u * c]`` over a volume to the weight of each of its channels."""
+
+        def dense(name: str, x: tf.Tensor) -> tf.Tensor:
+            kernel, bias = (
+                self.values[f"attention_{index}/{name}/{part}"] for part in ("kernel", "bias")
+            )
+            return tf.linalg.matvec(kernel, x, transpose_a=True) + bias
+
+        octant = tf.sigmoid(dense("octant", tf.nn.relu(dense("hidden", mean))))
+        of_view = octant_of_views(self.network.side).reshape(-1)
+        return tf.repeat(tf.gather(octant, of_view), self.network.channels)
+
+    def aggregation(self, index: int, stage: Stage, volume: tf.Tensor) -> tf.Tensor:
+        """Volume ``[1, d, h, w, c]`` to scores ``[d, h, w]``."""
+        part = f"aggregation_{index}"
+        x = self.layer(f"{part}/conv_1", self.layer(f"{part}/conv_0", volume))
+        for pair in range(stage.pairs):
+            inner = self.layer(f"{part}/pair_{pair}_conv_0", x)
+            last = f"{part}/pair_{pair}_conv_1"
+            x = x + self.norm(f"{last}_norm", self.conv(last, inner))
+        return self.conv(f"{part}/score", self.layer(f"{part}/conv_2", x))[0, ..., 0]
+
+
+def offsets(number: int) -> np.ndarray:
+    """``[v * u, 2]`` offset (row, column) of each view of a square grid from the centre view."""
+    side = round(number**0.5)
+    grid = np.indices((side, side)).reshape(2, -1).T - side // 2
+    return grid.astype(np.float32)
+
+
+def shift(images: tf.Tensor, disparity: float) -> tf.Tensor:
+    """Views ``[v * u, h, w, c]`` moved as wholes, zero outside."""
+    down, right = -disparity * offsets(images.shape[0]).T
+    zero, one = np.zeros_like(down), np.ones_like(down)
+    return tf.raw_ops.ImageProjectiveTransformV3(
+        images=images,
+        transforms=np.stack([one, zero, right, zero, one, down, zero, zero], 1),
+        output_shape=images.shape[1:3],
+        interpolation="BILINEAR",
+        fill_mode="CONSTANT",
+        fill_value=0.0,
+    )
+
+
+def warp(images: tf.Tensor, disparity: tf.Tensor) -> tf.Tensor:
+    """Views ``[v * u, h, w, c]`` sampled where a disparity ``[h, w]`` points; border repeated."""
+    number, height, width, channels = images.shape
+    down, right = offsets(number).T[:, :, None, None]
+    y = np.arange(height, dtype=np.float32)[:, None] - disparity * down
+    x = np.arange(width, dtype=np.float32)[None, :] - disparity * right
+    y, x = tf.clip_by_value(y, 0, height - 1), tf.clip_by_value(x, 0, width - 1)
+    row = tf.minimum(tf.cast(y, tf.int32), max(height - 2, 0))
+    column = tf.minimum(tf.cast(x, tf.int32), max(width - 2, 0))
+    below = (y - tf.cast(row, tf.float32))[..., None]
+    beside = (x - tf.cast(column, tf.float32))[..., None]
+    flat = tf.reshape(images, (number, height * width, channels))
+
+    def tap(down: int, right: int) -> tf.Tensor:
+        return tf.gather(flat, (row + down) * width + column + right, batch_dims=1)
+
+    upper = tap(0, 0) * (1 - beside) + tap(0, 1) * beside
+    lower = tap(1, 0) * (1 - beside) + tap(1, 1) * beside
+    return upper * (1 - below) + lower * below
+
+
+def build(network: Network, variables: Variables) -> Callable[[np.ndarray], np.ndarray]:
+    """The network with these variables, as a function of the views."""
+    module = OccCasNet(network, variables)
+
+    def run(views: np.ndarray) -> np.ndarray:
+        return module(tf.constant(views)).numpy()
+
+    return run

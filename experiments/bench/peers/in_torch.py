@@ -1,0 +1,225 @@
+"""The network in PyTorch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from experiments.bench.peers.description import Network, Stage, Variables, octant_of_views
+
+EPSILON = 1e-3
+
+
+class ResidualBlock(nn.Module):
+    """conv-BN-ReLU-conv-BN plus the input, which may pass a 1x1 convolution."""
+
+    def __init__(self, width: int, channels: int, dilation: int, *, projected: bool) -> None:
+        super().__init__()
+        options = {"padding": dilation, "dilation": dilation, "bias": False}
+        self.conv_0 = nn.Conv2d(width, channels, 3, **options)
+        self.norm_0 = nn.BatchNorm2d(channels, EPSILON)
+        self.conv_1 = nn.Conv2d(channels, channels, 3, **options)
+        self.norm_1 = nn.BatchNorm2d(channels, EPSILON)
+        if projected:
+            self.shortcut = nn.Conv2d(width, channels, 1, bias=False)
+            self.shortcut_norm = nn.BatchNorm2d(channels, EPSILON)
+        self.projected = projected
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Images ``[n, c, h, w]``."""
+        shortcut = self.shortcut_norm(self.shortcut(x)) if self.projected else x
+        x = functional.relu(self.norm_0(self.conv_0(x)))
+        return self.norm_1(self.conv_1(x)) + shortcut
+
+
+class Features(nn.Module):
+    """Grey images to features of the same size."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.network = network
+
+        def layer(name: str, width: int, channels: int, size: int) -> None:
+            conv = nn.Conv2d(width, channels, size, padding=size // 2, bias=False)
+            self.add_module(name, conv)
+            self.add_module(f"{name}_norm", nn.BatchNorm2d(channels, EPSILON))
+
+        layer("stem_0", 1, network.stem, 3)
+        layer("stem_1", network.stem, network.stem, 3)
+        width = network.stem
+        for group, (channels, blocks, dilation) in enumerate(network.groups):
+            for block in range(blocks):
+                projected = block == 0 and group > 0
+                module = ResidualBlock(width, channels, dilation, projected=projected)
+                self.add_module(f"group_{group}_block_{block}", module)
+                width = channels
+        for size in network.pooled:
+            layer(f"pooled_{size}", width, network.pooled_width, 1)
+        joined = network.groups[1][0] + width + len(network.pooled) * network.pooled_width
+        layer("fused", joined, network.fused, 3)
+        self.output = nn.Conv2d(network.fused, network.channels, 1, bias=False)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images ``[n, 1, h, w]`` to ``[n, c, h, w]``."""
+
+        def layer(name: str, x: Tensor) -> Tensor:
+            conv, norm = self.get_submodule(name), self.get_submodule(f"{name}_norm")
+            return functional.relu(norm(conv(x)))
+
+        x = layer("stem_1", layer("stem_0", images))
+        groups = []
+        for group, (_, blocks, _) in enumerate(self.network.groups):
+            for block in range(blocks):
+                x = self.get_submodule(f"group_{group}_block_{block}")(x)
+            groups.append(x)
+        pyramid = [
+            functional.interpolate(
+                layer(f"pooled_{size}", average_pool(x, size)),
+                size=images.shape[2:],
+                mode="bilinear",
+                align_corners=True,
+            )
+            for size in self.network.pooled
+        ]
+        return self.output(layer("fused", torch.cat([groups[1], x, *reversed(pyramid)], 1)))
+
+
+def average_pool(x: Tensor, size: int) -> Tensor:
+    """Mean of the pixels of each block; blocks beyond the image are cut off on both sides."""
+    margins = []
+    for length in (x.shape[3], x.shape[2]):
+        lacking = -length % size
+        margins += [lacking // 2, lacking - lacking // 2]
+    inside = functional.pad(torch.ones_like(x[:1, :1]), margins)
+    pooled = functional.avg_pool2d(functional.pad(x, margins), size)
+    return pooled / functional.avg_pool2d(inside, size)
+
+
+class Attention(nn.Module):
+    """A weight for each view from the mean of its features over the volume."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        octant = octant_of_views(network.side)
+        self.hidden = nn.Linear(network.side**2 * network.channels, network.attention_width)
+        self.octant = nn.Linear(network.attention_width, int(octant.max()) + 1)
+        self.of_view = torch.from_numpy(octant.reshape(-1))
+
+    def forward(self, mean: Tensor) -> Tensor:
+        """Means ``[v * u * c]`` to ``[v * u]``."""
+        octant = torch.sigmoid(self.octant(functional.relu(self.hidden(mean))))
+        return octant[self.of_view]
+
+
+class Aggregation(nn.Module):
+    """3x3x3 convolutions from the volume to a score for each candidate."""
+
+    def __init__(self, network: Network, stage: Stage) -> None:
+        super().__init__()
+        self.pairs = stage.pairs
+        depth, width = network.side**2 * network.channels, stage.width
+        pairs = [f"pair_{pair}_conv_{half}" for pair in range(stage.pairs) for half in (0, 1)]
+        for name in ("conv_0", "conv_1", *pairs, "conv_2"):
+            self.add_module(name, nn.Conv3d(depth, width, 3, padding=1, bias=False))
+            self.add_module(f"{name}_norm", nn.BatchNorm3d(width, EPSILON))
+            depth = width
+        self.score = nn.Conv3d(width, 1, 3, padding=1, bias=False)
+
+    def forward(self, volume: Tensor) -> Tensor:
+        """Volume ``[1, c, d, h, w]`` to scores ``[d, h, w]``."""
+
+        def layer(name: str, x: Tensor) -> Tensor:
+            return self.get_submodule(f"{name}_norm")(self.get_submodule(name)(x))
+
+        x = functional.relu(layer("conv_0", volume))
+        x = functional.relu(layer("conv_1", x))
+        for pair in range(self.pairs):
+            inner = functional.relu(layer(f"pair_{pair}_conv_0", x))
+            x = x + layer(f"pair_{pair}_conv_1", inner)
+        return self.score(functional.relu(layer("conv_2", x)))[0, 0]
+
+
+class OccCasNet(nn.Module):
+    """The cascade."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.network = network
+        self.features = Features(network)
+        for index, stage in enumerate(network.stages):
+            self.add_module(f"attention_{index}", Attention(network))
+            self.add_module(f"aggregation_{index}", Aggregation(network, stage))
+
+    def forward(self, views: Tensor) -> Tensor:
+        """Views ``[v, u, h, w]`` to the disparity ``[h, w]`` of the last stage."""
+        side, _, height, width = views.shape
+        images = views.reshape(side**2, 1, height, width)
+        centre = images[side**2 // 2 : side**2 // 2 + 1]
+        features = self.features(images)
+        disparity = torch.zeros(height, width)
+        for index, stage in enumerate(self.network.stages):
+            weights, border = torch.ones(()), "border" if index else "zeros"
+            if stage.occlusion:
+                difference = (warp(images, disparity, border) - centre).abs().clamp(0, 1)
+                weights = (1 - difference) ** 2
+            candidates = torch.tensor(stage.candidates)
+            planes = [
+                (warp(features, disparity + candidate, border) * weights).flatten(0, 1)
+                for candidate in candidates
+            ]
+            volume = torch.stack(planes, 1)
+            attention = self.get_submodule(f"attention_{index}")(volume.mean((1, 2, 3)))
+            per_channel = attention.repeat_interleave(self.network.channels)
+            volume = (volume * per_channel[:, None, None, None])[None]
+            volume = volume.to(memory_format=torch.channels_last_3d)
+            scores = self.get_submodule(f"aggregation_{index}")(volume)
+            probabilities = torch.softmax(scores, 0)
+            disparity = disparity + (probabilities * candidates[:, None, None]).sum(0)
+        return disparity
+
+
+def warp(images: Tensor, disparity: Tensor, border: str) -> Tensor:
+    """Views ``[v * u, c, h, w]`` of a square grid brought into register with the centre view."""
+    number, _, height, width = images.shape
+    side = round(number**0.5)
+    offset = torch.arange(side) - side // 2
+    down, right = (each.reshape(-1, 1, 1) for each in torch.meshgrid(offset, offset, indexing="ij"))
+    y = torch.arange(height)[:, None] - disparity * down
+    x = torch.arange(width)[None, :] - disparity * right
+    # To [-1, 1] from corner to corner, as grid_sample counts.
+    grid = torch.stack([2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1], -1)
+    return functional.grid_sample(images, grid, "bilinear", border, align_corners=True)
+
+
+def state(variables: Variables) -> dict[str, Tensor]:
+    """Variables as ``load_state_dict`` takes them: other names, kernels ``[out, in, *taps]``."""
+    names = {"kernel": "weight", "scale": "weight", "mean": "running_mean", "var": "running_var"}
+    converted = {}
+    for path, value in variables.items():
+        *module, name = path.split("/")
+        if name == "kernel":
+            axes = range(value.ndim)
+            value = value.transpose(axes[-1], axes[-2], *axes[:-2])
+        converted[".".join([*module, names.get(name, name)])] = torch.from_numpy(value.copy())
+    return converted
+
+
+def build(network: Network, variables: Variables) -> Callable[[np.ndarray], np.ndarray]:
+    """The network with these variables, as a function of the views."""
+    module = OccCasNet(network).eval()
+    missing, unexpected = module.load_state_dict(state(variables), strict=False)
+    assert not unexpected
+    assert all(name.endswith("num_batches_tracked") for name in missing), missing
+    for part in module.modules():
+        if isinstance(part, nn.Conv3d):
+            part.to(memory_format=torch.channels_last_3d)
+
+    @torch.inference_mode()
+    def run(views: np.ndarray) -> np.ndarray:
+        return module(torch.from_numpy(views)).numpy()
+
+    return run
