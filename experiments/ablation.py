@@ -24,7 +24,6 @@ stands beside it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
@@ -36,22 +35,15 @@ from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
 from experiments.paper_training import Row, Training
 from experiments.training_rows import Scores, chosen
-from occjax.models import NetworkConfig, preset
-
-
-def _with_stages(name: str, **changes) -> NetworkConfig:
-    """A preset with fields of all its stages replaced."""
-    config = preset(name)
-    return replace(config, stages=tuple(replace(stage, **changes) for stage in config.stages))
-
+from occjax.models import preset
 
 ROWS: Mapping[str, Row] = MappingProxyType(
     {
         **{name: Row(preset(name), published) for name, published in TABLE_3.items()},
         "cas_2_again": Row(preset("cas_2"), CAS_2_AGAIN, seed=1),
         "cas_2_occ_transposed": Row(preset("cas_2_occ", warp="transposed")),
-        "cas_2_no_attention": Row(_with_stages("cas_2", attention=False)),
-        "cas_2_statistics": Row(_with_stages("cas_2", attention=False, volume="statistics")),
+        "cas_2_no_attention": Row(preset("cas_2").with_stages(attention=False)),
+        "cas_2_statistics": Row(preset("cas_2").with_stages(attention=False, volume="statistics")),
     }
 )
 """Every training, by name."""

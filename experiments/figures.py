@@ -33,7 +33,6 @@ falls with its occlusion map, though eq. 6 weighs occluded views less rather tha
 from __future__ import annotations
 
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -214,12 +213,14 @@ def without_maps(
     if name in MODELS:
         return None
     variables, config = load_weights(find_weights(name))
-    stages = tuple(replace(stage, occlusion="none") for stage in config.stages)
-    if config.views is None or stages == config.stages:
+    if config.views is None:
+        return None
+    blind = config.with_stages(occlusion="none")
+    if blind == config:
         return None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "without.safetensors"
-        save_weights(path, variables, replace(config, stages=stages))
+        save_weights(path, variables, blind)
         return Estimator(weights=path)(light_field, disparity_range=disparity_range)
 
 

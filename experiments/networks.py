@@ -78,10 +78,7 @@ def small_form(network: NetworkConfig) -> NetworkConfig:
         ((3, 3), [33, 9])
     """
     return dataclasses.replace(
-        network,
-        stages=tuple(
-            dataclasses.replace(stage, aggregation=Residual(4, 0)) for stage in network.stages
-        ),
+        network.with_stages(aggregation=Residual(4, 0)),
         views=(3, 3),
         features=FeatureConfig(
             widths=(4, 4), blocks=(1, 1), dilations=(1, 1), pooled=(2,), pooled_width=2, fused=4

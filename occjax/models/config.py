@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args
 
@@ -249,6 +249,23 @@ class NetworkConfig:
             raise ValueError(
                 "stages that share an aggregation must agree in width, depth, attention and volume"
             )
+
+    def with_stages(self, **changes) -> NetworkConfig:
+        """The same network with fields of every stage replaced.
+
+        Args:
+            **changes: Fields of :class:`StageConfig`.
+
+        Raises:
+            ValueError: If there is no such network.
+
+        Example:
+            >>> network = NetworkConfig((StageConfig((-1.0, 0.0, 1.0)),))
+            >>> network.with_stages(attention=False).stages[0].attention
+            False
+        """
+        stages = tuple(replace(stage, **changes) for stage in self.stages)
+        return replace(self, stages=stages)
 
     @property
     def multiple(self) -> int:

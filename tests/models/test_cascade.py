@@ -1,6 +1,5 @@
 """The cascade as a function: shapes, vmapped training statistics, options, gradients."""
 
-from dataclasses import replace
 from functools import partial
 
 import jax
@@ -145,8 +144,7 @@ def test_bfloat16_stays_near_float32(tiny_variables, tiny_views, tolerance):
 
 
 def test_a_volume_of_statistics_has_the_mean_and_variance_over_the_views():
-    stages = (replace(stage, attention=False, volume="statistics") for stage in TINY.config.stages)
-    network = OccCasNet(replace(TINY.config, stages=tuple(stages)))
+    network = OccCasNet(TINY.config.with_stages(attention=False, volume="statistics"))
     features = np.random.default_rng(0).normal(size=(3, 3, 6, 5, 4)).astype(np.float32)
     here = jnp.zeros(1)  # where views are in register as they are
     coarse = network.apply({}, 0, jnp.asarray(features), here, None, None, method="volume")
