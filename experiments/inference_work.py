@@ -119,13 +119,20 @@ def count(name: str, config: NetworkConfig, size: int) -> Row:
 
 
 def random_light_field(
-    config: NetworkConfig, height: int, width: int
+    config: NetworkConfig, height: int, width: int, *, scores: float = SCORES
 ) -> tuple[dict, Float[Array, "v u h w"]]:
     """Random weights and views.
 
     The scores are scaled to the few units that a trained network has: random ones are thousands,
     and a pixel at which two candidates tie jumps from one to the other with the last bit, in any
     order of the sums.
+
+    Args:
+        config: A network of a grid of views.
+        height: Of the views, in pixels.
+        width: Likewise.
+        scores: Factor on the random kernel of the last layer; by default for networks as wide as
+            the published one, narrow ones need more.
     """
     generator = np.random.default_rng(0)
 
@@ -135,7 +142,7 @@ def random_light_field(
     def draw(path, leaf):
         noise = generator.normal(size=leaf.shape)
         if path[-1].key == "kernel":
-            noise *= np.sqrt(2 / np.prod(leaf.shape[:-1])) * (SCORES if on_scores(path) else 1)
+            noise *= np.sqrt(2 / np.prod(leaf.shape[:-1])) * (scores if on_scores(path) else 1)
         elif path[-1].key in ("scale", "var"):
             noise = 0.9 + 0.2 * np.abs(noise)
         else:
@@ -147,12 +154,14 @@ def random_light_field(
     return variables, jnp.asarray(generator.uniform(size=shape), jnp.float32)
 
 
-def difference(config: NetworkConfig, height: int = 48, width: int = 40) -> tuple[float, float]:
+def difference(
+    config: NetworkConfig, height: int = 48, width: int = 40, *, scores: float = SCORES
+) -> tuple[float, float]:
     """Largest and median difference of disparity between inference and the network as written.
 
     On a random light field, in strips of eight rows.
     """
-    variables, views = random_light_field(config, height, width)
+    variables, views = random_light_field(config, height, width, scores=scores)
     written = jax.jit(OccCasNet(config).apply)(variables, views)
     inferred = jax.jit(partial(infer, config=config, strip_rows=8))(variables, views)
     apart = np.abs(
