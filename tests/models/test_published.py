@@ -26,18 +26,17 @@ def intermediate_answers(variables, views, config):
     v, u = config.views
     octant = jnp.triu_indices(v // 2 + 1)
 
-    def volume(stage, before):
-        return network.apply(
-            variables, features, stage.candidates, before, stage.occlusion, method="volume"
-        )
+    def volume(index, stage, before):
+        candidates, maps = stage.candidates, stage.occlusion
+        return network.apply(variables, index, features, candidates, before, maps, method="volume")
 
     return {
         "feature_center": features[v // 2, u // 2],
         "attention_coarse": coarse.attention[octant],
         "attention_refined": refined.attention[octant],
         "occlusion_weight": occlusion_weights(refined.occlusion),
-        "coarse_volume_sample": volume(coarse, None)[::8, ::7, ::5],
-        "refined_volume_sample": volume(refined, coarse.disparity)[::2, ::7, ::5],
+        "coarse_volume_sample": volume(0, coarse, None)[::8, ::7, ::5],
+        "refined_volume_sample": volume(1, refined, coarse.disparity)[::2, ::7, ::5],
         "coarse_prob": coarse.probabilities.transpose(1, 2, 0),
         "refined_prob": refined.probabilities.transpose(1, 2, 0),
         "disparity_coarse": coarse.disparity,
