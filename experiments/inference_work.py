@@ -215,4 +215,4 @@ def run(
 
 
 if __name__ == "__main__":
-    main(run)
+    main(run, __doc__)

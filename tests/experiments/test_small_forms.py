@@ -1,10 +1,13 @@
 """All scripts are tried and listed; what is tried is kept, and what fails is said."""
 
+import ast
+import inspect
 from pathlib import Path
 
 import pytest
 
 from experiments import small_forms
+from experiments.command_line import main
 
 HERE = Path(small_forms.__file__).parent
 PACKAGES = {path.parent.name for path in HERE.glob("*/__main__.py")}
@@ -16,6 +19,14 @@ def test_every_script_has_its_small_form_here():
     kept = {place.name for place in (HERE / "small").iterdir()}
     assert kept
     assert kept <= set(small_forms.FORMS)
+
+
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_every_script_can_be_called(name):
+    """Their own tests call functions; a fault in how the file calls ``main`` is seen here alone."""
+    source = ast.parse((HERE / f"{name}.py").read_text())
+    (call,) = (node.value for node in source.body[-1].body)
+    inspect.signature(main).bind(*call.args, *call.keywords)
 
 
 def test_the_list_of_scripts_is_whole():
