@@ -3,8 +3,9 @@
     python -m experiments.small_forms                       (all, one after the other)
     python -m experiments.small_forms ablation figures
 
-Cost: ten minutes on two cores, no download. Expected: every script ends well. Networks of few
-channels that were trained for two steps show that the scripts run, nothing about a method.
+Cost: minutes a script on two cores, longest ``ablation``, which trains every row; no download. All
+in one go has not been timed. Expected: every script ends well. Networks of few channels that were
+trained for two steps show that the scripts run, nothing about a method.
 """
 
 from __future__ import annotations
