@@ -18,7 +18,8 @@ more than many of its ingredients gain, so that row is trained twice here too.
 Not in the paper: ``cas_2_occ`` with the warp of the published code, which moves rows with u; and
 ``cas_2`` on the mean and variance of the features over the views, which the paper names as future
 work. Such a volume has no channels of single views to attend to, so ``cas_2`` without attention
-stands beside it.
+stands beside it. Parameters and FLOPs, by formula, are those of the full networks, also with
+``--small``.
 """
 
 from __future__ import annotations
@@ -31,11 +32,13 @@ from typing import Annotated
 import tyro
 
 from experiments.command_line import main
+from experiments.efficiency_table import tera
 from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
 from experiments.paper_training import Row, Training
 from experiments.training_rows import Scores, chosen
 from occjax.models import preset
+from occjax.models.work import count_flops, count_parameters
 
 ROWS: Mapping[str, Row] = MappingProxyType(
     {
@@ -72,7 +75,7 @@ def table(results: Mapping[str, Scores]) -> str:
     Returns:
         The table, with a line feed between its lines.
     """
-    head = ["about", "row", "candidates", "intervals"]
+    head = ["about", "row", "candidates", "intervals", "parameters", "FLOPs"]
     head += ["BadPix 0.07", "paper's table 3", "MSE x100", "paper's table 3"]
     lines = []
     for group, names in GROUPS.items():
@@ -83,6 +86,8 @@ def table(results: Mapping[str, Scores]) -> str:
                 [
                     *(group, f"`{name}`"),
                     *(candidate_numbers(row.network), candidate_intervals(row.network)),
+                    f"{count_parameters(row.network) / 1e6:.2f} M",
+                    tera(count_flops(row.network)),
                     *(_number(scores.get("badpix_0.07")), _number(paper and paper.badpix)),
                     *(_number(scores.get("mse_x100")), _number(paper and paper.mse)),
                 ]

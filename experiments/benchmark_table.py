@@ -4,16 +4,16 @@
     python -m experiments.benchmark_table NAME=FOLDER... --truth HCI -o tables
     python -m experiments.benchmark_table --small                  (a check of the script itself)
 
-FOLDER holds the estimates of a method: ``<scene>.pfm``, as in ``disp_maps`` of a submission, or
-``<scene>``, the result folders of ``occjax estimate``. HCI is a folder with the benchmark's scenes,
+FOLDER holds the estimates of a method: ``<scene>.pfm``, as in ``disp_maps`` of a submission, or the
+result folders of ``occjax estimate``, ``<scene>``. HCI is a folder with the benchmark's scenes,
 as its archives unpack. Scenes without an estimate or without ground truth, which the benchmark
 keeps to itself for four, show a dash; then a further column has the average over those scenes that
 all measured methods have, so that it can be compared. ``-o`` writes Markdown, LaTeX and a picture.
 
 Cost: seconds. Expected: the paper's table 1, with the same marks but for one: second best by MSE on
 backgammon is Epinet-fcn-m, not OccCasNet. Averages are computed from the twelve scores; where
-rounding does not explain that the paper prints another one (BadPix 0.03 of SPO, 0.01 of FastLFnet,
-0.07 of OccCasNet), that follows in brackets. The paper has no Q25 by scene, so its table is of
+rounding does not explain that the paper prints another one (of OccCasNet BadPix 0.07, of SPO 0.03,
+of FastLFnet 0.01), that follows in brackets. The paper has no Q25 by scene, so its table is of
 measured methods alone. The published methods' tables are committed as ``benchmark_table.md``;
 nobody has measured all scenes with this library yet.
 

@@ -12,7 +12,7 @@ SCENE is anything that ``occjax estimate`` reads.
 ``angular_patches.png`` an unoccluded point A and an occluded point B as all views see them, and the
                         standard deviations (STD) with and without the occlusion map
 ``occlusion_maps.png``  occlusion maps of all views; white is occluded
-``stages.png``          BadPix 0.07 map and disparity, of a network after its first and last stage
+``stages.png``          BadPix 0.07 map and disparity after each stage
 ``occlusion.png``       error and disparity without and with occlusion maps
 ``methods.png``         BadPix 0.07 map and disparity of each map that ``--compare`` names, scores
                         in the corner: red is the best, blue the second best of more than two
@@ -26,8 +26,8 @@ picture. BadPix maps and errors need ground truth.
 
 Cost: half a minute for 9x9 views of 512x512 pixels on two cores with ``light``; the paper's
 network, by its weights, is made for a GPU. Expected: B's deviation is several times that of A and
-falls with its occlusion map, though eq. 6 weighs occluded views less rather than leaving them out
-(the last column does); the last stage has far fewer bad pixels than the first.
+falls with its occlusion map, though eq. 6 weighs occluded views less rather than leaving them out,
+as the last column does; the last stage has far fewer bad pixels than the first.
 """
 
 from __future__ import annotations
@@ -113,8 +113,7 @@ def run(
     estimate = made[estimator](light_field, disparity_range=disparity_range)
     pictures = {"light_field": light_field_figure(light_field)}
     pictures |= occlusion_pictures(light_field, estimate, estimator, chosen)
-    stages = {} if estimate.coarse is None else {"first stage": estimate.coarse}
-    stages["last stage" if stages else short(estimator)] = estimate.disparity
+    stages = named_stages(estimate, short(estimator))
     pictures["stages"] = maps_figure(light_field, stages, estimate.confidence, binary=True)
     other = (
         made[without](light_field, disparity_range=disparity_range)
@@ -150,6 +149,15 @@ def read_maps(paths: dict[str, Path], size: tuple[int, int]) -> dict[str, np.nda
         if disparity.shape != size:
             raise InputError(f"{paths[name]}: is {list(disparity.shape)}, the views {list(size)}")
     return maps
+
+
+def named_stages(estimate: Estimate, name: str) -> dict[str, np.ndarray]:
+    """Disparity after each stage by what the stage is called; one alone by the estimator's name."""
+    *earlier, last = estimate.stages
+    if not earlier:
+        return {name: last}
+    names = ["first stage", *(f"stage {number}" for number in range(2, len(earlier) + 1))]
+    return {**dict(zip(names, earlier, strict=True)), "last stage": last}
 
 
 def check_points(points: tuple[int, int, int, int] | None, size: tuple[int, int]) -> Points | None:

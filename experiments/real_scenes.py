@@ -9,8 +9,8 @@ Stanford gantry, images of all views, arrays. An estimator is the name of a mode
 weights. For each scene the sheet shows the centre view, the disparity that each estimator finds,
 all in the same colours, their confidence, and the seconds they took once compiled.
 
-Cost: for 9x9 views of 383x552 pixels less than a minute on two cores for ``light`` and
-``photometric`` together; the paper's network, by its weights, is made for a GPU. Expected: there is
+Cost: for 9x9 views of 383x552 pixels less than a minute on two cores for ``photometric``
+and ``light`` together; the paper's network, by its weights, is made for a GPU. Expected: there is
 no ground truth, so this is for looking. The paper's figure shows Dinosaur, Stanford Bunny, Truck
 and Knights, where its network keeps backgrounds clean and thin things apart; nobody has made that
 figure with this library yet.

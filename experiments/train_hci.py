@@ -15,10 +15,10 @@ Cost: 480,000 steps of 32 patches, for a GPU. After every 4000 steps the eight s
 as whole images; ``training/best.safetensors`` has the least mean BadPix 0.07. At the end, or when
 the time is up, it is scored again, as whole images and as the published code did: nine crops of
 half the size (256 pixels), a quarter (128) apart, whose disparities are averaged where they
-overlap. The published code chose its best by these crops, too. Both are printed and written as
-``scores.md``, beside what the paper's ablation says, which is what to expect: BadPix 0.07 of 1.733
-and MSE x100 of 0.762. Nobody has run this at full size yet. The small form, a network of 3x3 views
-and few channels on cut-outs of the bundled sample, shows nothing but that it runs.
+overlap. The published code chose its best by these crops, too. Both are printed and written,
+as ``scores.md``, beside what the paper's ablation says, which is what to expect: MSE x100 of 0.762
+and BadPix 0.07 of 1.733. Nobody has run this at full size yet. The small form, a network of 3x3
+views and few channels on cut-outs of the bundled sample, shows nothing but that it runs.
 """
 
 from __future__ import annotations

@@ -255,7 +255,8 @@ def _compiled(run: Callable, structure: Any, shapes: tuple, **static: Any) -> Ca
 
 
 def _run_photometric(_, views, candidates, offsets, *, config):
-    return photometric(views, candidates, offsets=offsets, config=config)._asdict()
+    result = photometric(views, candidates, offsets=offsets, config=config)
+    return {**result._asdict(), "stages": (result.coarse, result.disparity)}
 
 
 def _run_network(variables, views, candidates, ground_truth, *, config, dtype):
@@ -285,7 +286,9 @@ def _run_on_some_views(
     )
     last = stages[-1]._replace(disparity=jnp.clip(stages[-1].disparity, bounds[0], bounds[1]))
     stages = (*stages[:-1], last)
-    return _maps(stages, occlusion_maps(views[..., None], last.disparity, offsets=offsets))
+    maps = _maps(stages, occlusion_maps(views[..., None], last.disparity, offsets=offsets))
+    # The last output is the median of the one before it: no stage of its own.
+    return {**maps, "stages": (*maps["stages"][:-2], last.disparity)}
 
 
 def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
@@ -312,6 +315,7 @@ def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
         "standard_deviation": deviation,
         "coarse": stages[0].disparity if len(stages) > 1 else None,
         "occlusion": occlusion,
+        "stages": tuple(stage.disparity for stage in stages),
     }
 
 

@@ -27,6 +27,7 @@ class Estimate:
         weights: Name of the weights, if the estimator has any.
         notes: Sentences the user should hear (cropped grid, assumed units, chosen range).
         seconds: Wall-clock seconds of each phase, e.g. ``{"compile": 3.1, "run": 0.4}``.
+        stages: ``[H, W]`` float32 disparity after each stage, in order; the last is ``disparity``.
     """
 
     disparity: np.ndarray
@@ -39,3 +40,4 @@ class Estimate:
     weights: str | None = None
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    stages: tuple[np.ndarray, ...] = ()

@@ -25,7 +25,8 @@ def test_the_small_form_trains_a_row_once_and_shows_it(tmp_path, capsys):
     results = ablation.run(tmp_path, ("cas_2_occ_gt",), Training(small=True))
     ours = results["cas_2_occ_gt"]
     assert ours["step"] == 2
-    expected = ["sharing, occlusion", "`cas_2_occ_gt`", "9, 9", "1, 1/8"]
+    # Candidates, intervals, parameters and FLOPs as in table 3 of the paper.
+    expected = ["sharing, occlusion", "`cas_2_occ_gt`", "9, 9", "1, 1/8", "4.79 M", "5.87 T"]
     expected += [f"{ours['badpix_0.07']:.3f}", "2.257", f"{ours['mse_x100']:.3f}", "0.792"]
     assert cells_of(capsys.readouterr().out, "cas_2_occ_gt") == expected
 
@@ -33,9 +34,17 @@ def test_the_small_form_trains_a_row_once_and_shows_it(tmp_path, capsys):
     assert ablation.run(tmp_path, training=Training(show=True)) == results
     printed = capsys.readouterr().out
     assert cells_of(printed, "cas_2_occ_gt") == expected
-    assert cells_of(printed, "cas_1")[4:] == ["", "2.804", "", "1.164"]
+    assert cells_of(printed, "cas_1")[6:] == ["", "2.804", "", "1.164"]
     assert ablation.run(tmp_path, ("cas_2_occ_gt",), Training(small=True)) == results
     assert (tmp_path / "cas_2_occ_gt" / "log.jsonl").read_text() == log
+
+
+@pytest.mark.parametrize("name", ["cas_2_occ_transposed", "cas_2_statistics"])
+def test_rows_that_the_paper_does_not_have_train(tmp_path, name, capsys):
+    ours = ablation.run(tmp_path, (name,), Training(small=True))[name]
+    assert ours["step"] == 2
+    scores = [f"{ours['badpix_0.07']:.3f}", "", f"{ours['mse_x100']:.3f}", ""]
+    assert cells_of(capsys.readouterr().out, name)[6:] == scores
 
 
 def test_a_row_that_was_interrupted_is_not_done(tmp_path):
@@ -55,6 +64,21 @@ def test_networks_have_the_parameters_and_flops_printed_in_their_row(name):
     row = ROWS[name]
     assert f"{count_parameters(row.network) / 1e6:.2f}" == row.published.parameters
     assert f"{count_flops(row.network) / 1e12:#.3g}" == row.published.tera_flops
+
+
+def test_rows_that_the_paper_does_not_have_differ_from_theirs_in_one_thing():
+    def on(name, **changes):
+        network = ROWS[name].network
+        stages = tuple(dataclasses.replace(stage, **changes) for stage in network.stages)
+        return dataclasses.replace(network, stages=stages)
+
+    transposed = ROWS["cas_2_occ_transposed"].network
+    assert dataclasses.replace(transposed, warp="correct") == ROWS["cas_2_occ"].network
+    assert transposed != ROWS["cas_2_occ"].network
+    assert on("cas_2", attention=False) == ROWS["cas_2_no_attention"].network
+    statistics = ROWS["cas_2_statistics"].network
+    assert on("cas_2_no_attention", volume="statistics") == statistics
+    assert on("cas_2_statistics", volume="concatenate") != statistics
 
 
 def test_every_row_is_compared_with_something():

@@ -21,6 +21,7 @@ from experiments.map_panels import (
     score_lines,
 )
 from experiments.networks import small_form
+from experiments.real_scenes import named_estimator
 from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.io import write_pfm
@@ -151,6 +152,21 @@ def test_a_network_is_drawn_without_its_maps_and_methods_side_by_side(script, tm
     }
     other = figures.without_maps(str(tmp_path / "tiny.safetensors"), cut_out(sample(), 32), None)
     assert other.occlusion is None
+
+
+def test_every_stage_of_a_cascade_is_drawn(tmp_path):
+    """Residuals of the last three stages are at most 1/2, 1/4 and 1/8, so that tells them apart."""
+    config = small_form(preset("cas_4"))
+    variables = jax.tree.map(lambda leaf: np.full(leaf.shape, 0.02), variable_shapes(config))
+    save_weights(tmp_path / "four.safetensors", variables, config)
+    estimate = named_estimator(str(tmp_path / "four.safetensors"))(cut_out(sample(), 32))
+    stages = figures.named_stages(estimate, "four")
+    assert list(stages) == ["first stage", "stage 2", "stage 3", "last stage"]
+    maps = list(stages.values())
+    np.testing.assert_array_equal(maps[0], estimate.coarse)
+    np.testing.assert_array_equal(maps[-1], estimate.disparity)
+    for before, after, reach in zip(maps, maps[1:], (1 / 2, 1 / 4, 1 / 8), strict=False):
+        assert 0 < np.abs(after - before).max() <= reach + 1e-5
 
 
 def test_the_corner_has_the_scores():

@@ -122,6 +122,14 @@ def test_a_network_is_named_by_its_weights(tiny_estimator):
     assert result.disparity_range == (-2.0, 2.0)
 
 
+@pytest.mark.parametrize("name", ["tiny_estimator", "light_estimator", "photometric"])
+def test_there_is_a_disparity_of_each_of_two_stages(name, request):
+    result = request.getfixturevalue(name)(plane(disparity=0.5), disparity_range=(-1.0, 2.0))
+    first, last = result.stages
+    np.testing.assert_array_equal(first, result.coarse)
+    np.testing.assert_array_equal(last, result.disparity)
+
+
 def test_a_larger_grid_is_cropped_and_said(tiny_estimator):
     large = plane(grid=(5, 7))
     result = tiny_estimator(large)
