@@ -11,7 +11,8 @@ nine candidates, over which the convolution of the views is divided, a fifth; th
 The result is committed beside this file.
 
 The first layer is the first convolution of the first stage, on the coarse volume.
-:mod:`occjax.ops.convolved_volume` says how inference computes it.
+:mod:`occjax.ops.convolved_volume` says how inference computes it, except on a CPU, where the layer
+on the volume is quicker with fewer multiplications: :mod:`occjax.ops.minimal_filtering`.
 """
 
 from __future__ import annotations
@@ -29,16 +30,12 @@ from experiments.command_line import main
 from experiments.efficiency_table import tera
 from experiments.networks import small_form
 from occjax.errors import InputError
-from occjax.inference.network import infer
+from occjax.inference.network import infer, rows_of_strip
 from occjax.models import NetworkConfig, OccCasNet, preset, variable_shapes
 from occjax.models.config import FeatureConfig, Residual, of_kind
 from occjax.models.layers import convolve_volume
 from occjax.models.work import count_flops
 from occjax.ops import coarse_volume, convolved_coarse_volume
-
-STRIP_ROWS = 64
-"""Of :func:`occjax.inference.network.infer` by default."""
-
 
 SCORES = 3e-4
 """Factor on the random kernel of the last layer."""
@@ -108,12 +105,12 @@ def first_layer(config: NetworkConfig, size: int, rows: int) -> tuple[float, flo
 def count(name: str, config: NetworkConfig, size: int) -> Row:
     """Operations of a network on views of a size."""
     halo = of_kind(config.stages[0].aggregation, Residual).halo
-    rows = STRIP_ROWS + 2 * halo
+    rows = rows_of_strip(size, halo)
     whole = first_layer(config, size, size)
     strips = whole
-    if size > rows:
-        volume, commuted = first_layer(config, size, rows)
-        number = -(-size // STRIP_ROWS)
+    if size > rows + 2 * halo:
+        volume, commuted = first_layer(config, size, rows + 2 * halo)
+        number = -(-size // rows)
         strips = number * volume, number * commuted
     return Row(name, count_flops(config, (size, size), padding=False), *whole, *strips)
 
@@ -196,11 +193,11 @@ def run(
         *("cas_1", "cas_2_coarse_17", "occcasnet", "subfocal"),
     ),
     small: Annotated[
-        bool, tyro.conf.arg(help="Networks of 3x3 views and few channels at 96 pixels.")
+        bool, tyro.conf.arg(help="Networks of 3x3 views and few channels at 192 pixels.")
     ] = False,
 ) -> list[Row]:
     """Count, compare the answers, print the table and return its rows."""
-    size = 96 if small else size
+    size = 192 if small else size
     if size < 1:
         raise InputError(f"--size must be 1 or more, not {size}")
     configs = {name: preset(name) for name in networks}
@@ -216,9 +213,9 @@ def run(
     largest, median = difference(compared)
     print(
         f"\nViews of {size}x{size} pixels. Operations as XLA counts them, a multiply-add as two, "
-        f"of the whole network by formula; strips of {STRIP_ROWS} rows and their halo. Disparity "
-        f"of `occcasnet` with random weights on random views of 48x40 pixels, in strips of eight "
-        f"rows, differs by {largest:.1e} at most and {median:.1e} in the median."
+        f"of the whole network by formula; strips as inference makes them, with their "
+        f"halo. Disparity of `occcasnet` with random weights on random views of 48x40 pixels, in "
+        f"strips of eight rows, differs by {largest:.1e} at most and {median:.1e} in the median."
     )
     return rows
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from occjax.models.config import Residual
-from occjax.ops.minimal_filtering import ROWS, convolve_rows, row_kernels, rows_of
+from occjax.ops.minimal_filtering import ROWS, convolve_rows, row_kernels, rows_between_zeros
 
 EPSILON = 1e-3
 """Of BatchNorm, as published."""
@@ -58,29 +58,32 @@ def aggregate_rows(
             rows = rows + shift
             if residual is None:
                 return jax.nn.relu(rows)
-            return rows + jax.lax.dynamic_slice_in_dim(residual, start, ROWS)
+            return rows + jax.lax.dynamic_slice_in_dim(residual, start + 1, ROWS)
 
         return convolve_rows(read, height, row_kernels(kernel), finish)
 
     x = layer(read, "conv_0", weights=weights)
-    x = layer(rows_of(x), "conv_1")
+    x = layer(rows_between_zeros(x), "conv_1")
     for pair in range(config.pairs):
-        inner = layer(rows_of(x), f"pair_{pair}_conv_0")
-        x = layer(rows_of(inner), f"pair_{pair}_conv_1", residual=x)
-    x = layer(rows_of(x), "conv_2")
+        inner = layer(rows_between_zeros(x), f"pair_{pair}_conv_0")
+        x = layer(rows_between_zeros(inner), f"pair_{pair}_conv_1", residual=x)
+    x = layer(rows_between_zeros(x), "conv_2")
     return _score(x, parameters["score"]["kernel"])
 
 
 def _score(
-    volume: Float[Array, "h d w c"], kernel: Float[Array, "3 3 3 c 1"]
+    volume: Float[Array, "n d w c"], kernel: Float[Array, "3 3 3 c 1"]
 ) -> Float[Array, "d h w"]:
-    """Convolution to one channel: every tap at every voxel by one matrix product, then shifted."""
-    height, candidates, width, channels = volume.shape
+    """Convolution of a volume, its rows between two of zeros, to one channel.
+
+    Every tap at every voxel by one matrix product, then shifted.
+    """
+    between, candidates, width, channels = volume.shape
     taps = kernel.reshape(27, channels)
     products = jnp.einsum("hdwc,nc->hdwn", volume, taps)
-    products = jnp.pad(products, ((1, 1), (1, 1), (1, 1), (0, 0)))
+    products = jnp.pad(products, ((0, 0), (1, 1), (1, 1), (0, 0)))
     result = sum(
-        products[row : row + height, depth : depth + candidates, column : column + width, tap]
+        products[row : row + between - 2, depth : depth + candidates, column : column + width, tap]
         for tap, (depth, row, column) in enumerate(
             (depth, row, column) for depth in range(3) for row in range(3) for column in range(3)
         )

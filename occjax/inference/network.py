@@ -31,6 +31,7 @@ from occjax.models.config import Residual, of_kind
 from occjax.models.stages import stage_output
 from occjax.ops import (
     coarse_volume,
+    coarse_volume_means,
     concatenate,
     convolved_coarse_volume,
     occlusion_weights,
@@ -113,10 +114,20 @@ def infer(
             in_rows = _in_rows(variables, config, index, volume, attention)
             compute = _by_platform(cpu=in_rows, default=compute)
         halo = of_kind(stage.aggregation, Residual).halo
-        rows = strip_rows or max(1, STRIP_PIXELS // views.shape[3] - 2 * halo)
+        rows = strip_rows or rows_of_strip(views.shape[3], halo)
         scores = _in_strips(compute, height=views.shape[2], rows=rows, halo=halo)
         done.append(stage_output(scores, values, before, attention, maps))
     return tuple(done)
+
+
+def rows_of_strip(width: int, halo: int) -> int:
+    """Rows computed at a time: as many as make :data:`STRIP_PIXELS` with their halo, at least one.
+
+    Args:
+        width: Of the centre view, in pixels.
+        halo: Rows read on either side.
+    """
+    return max(1, STRIP_PIXELS // width - 2 * halo)
 
 
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:
@@ -184,7 +195,9 @@ class _StageVolume:
         self.offsets, self.combine = offsets, combine
 
     def channel_means(self) -> Float[Array, " k"]:
-        """Mean of each channel over candidates and pixels, one row of views at a time."""
+        """Mean of each channel over candidates and pixels; warped, one row of views at a time."""
+        if self.before is None and self.weights is None:
+            return coarse_volume_means(self.features, self.candidates, offsets=self.offsets)
 
         def mean_of_plane(views, weights):
             plane = concatenate(views, weights)
@@ -239,6 +252,7 @@ class _StageVolume:
             self.candidates,
             rows=(first - 1, rows + 2),
             offsets=self.offsets,
+            combine=self.combine,
             streamed=True,
         )
 

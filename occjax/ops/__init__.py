@@ -31,6 +31,7 @@ from occjax.ops.sectors import (
 )
 from occjax.ops.volume import (
     coarse_volume,
+    coarse_volume_means,
     concatenate,
     group_correlation,
     mean_and_variance,
@@ -47,6 +48,7 @@ __all__ = [
     "central_differences",
     "cheapest",
     "coarse_volume",
+    "coarse_volume_means",
     "concatenate",
     "confidence",
     "convolved_coarse_volume",

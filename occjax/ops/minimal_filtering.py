@@ -62,7 +62,7 @@ def convolve_rows(
     height: int,
     kernels: Float[Array, "6 3 3 c k"],
     finish: Callable[[Float[Array, "4 d w k"], Int[Array, ""]], Float[Array, "4 d w k"]],
-) -> Float[Array, "h d w k"]:
+) -> Float[Array, "n d w k"]:
     """Convolution of a volume that is read in parts, zero padding.
 
     Args:
@@ -73,7 +73,8 @@ def convolve_rows(
         finish: What becomes of rows of the result, the first of which has this number.
 
     Returns:
-        ``[h, d, w, k]`` the finished rows.
+        ``[h + 2, d, w, k]`` the finished rows between two of zeros, as :func:`rows_between_zeros`
+        takes them.
     """
     starts = np.minimum(np.arange(0, height, ROWS), height - ROWS)  # the last one overlaps
 
@@ -86,17 +87,22 @@ def convolve_rows(
         results = [_combined(factors, products) for factors in _OF_PRODUCTS]
         return finish(jnp.stack(results), start)
 
-    tiles = jax.lax.map(four_rows, jnp.asarray(starts, jnp.int32))
-    whole = tiles.reshape(-1, *tiles.shape[2:])
-    if height % ROWS == 0:
-        return whole
-    return jnp.concatenate([whole[:-ROWS], whole[-(height % ROWS) :]])
+    def add_rows(result, start):
+        return jax.lax.dynamic_update_slice_in_dim(result, four_rows(start), start + 1, 0), None
+
+    rows = jax.eval_shape(four_rows, jax.ShapeDtypeStruct((), jnp.int32))
+    # The volume's row -1 is zero. Zeros that do not depend on it would be made for all layers in
+    # advance, and take their memory.
+    zero = read(jnp.int32(-1))[0, 0, 0, 0].astype(rows.dtype)
+    result = jnp.full((height + 2, *rows.shape[1:]), zero)
+    return jax.lax.scan(add_rows, result, jnp.asarray(starts, jnp.int32))[0]
 
 
-def rows_of(volume: Float[Array, "h d w c"]) -> Callable[[Int[Array, ""]], Array]:
-    """What :func:`convolve_rows` reads from a volume that is there, its rows in front."""
-    padded = jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0)))
-    return lambda first: jax.lax.dynamic_slice_in_dim(padded, first + 1, READ)
+def rows_between_zeros(
+    volume: Float[Array, "n d w c"],
+) -> Callable[[Int[Array, ""]], Float[Array, "6 d w c"]]:
+    """What :func:`convolve_rows` reads from a volume whose first and last row are zero."""
+    return lambda first: jax.lax.dynamic_slice_in_dim(volume, first + 1, READ)
 
 
 def _combined(factors: np.ndarray, arrays) -> Array:

@@ -145,7 +145,8 @@ def coarse_volume(
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
         combine: What becomes of the registered views at one candidate.
-        streamed: One candidate after the other (little memory) instead of all at once.
+        streamed: One candidate, or one row of views, after the other (little memory) instead of
+            all at once.
         rows: First row and number of rows r of the centre view to compute; all by default. An image
             too large for memory is done strip by strip.
 
@@ -165,6 +166,8 @@ def coarse_volume(
     candidates, offsets = _candidates(candidates), _offsets(features, offsets)
     v, u, h, w, _ = features.shape
     weights = _weights(weights, (v, u, h if rows is None else rows[1], w))
+    if streamed and combine is concatenate and weights is None:
+        return _concatenated(features, candidates, offsets, (0, h) if rows is None else rows)
 
     def plane(candidate):
         def to_centre(view, offset):
@@ -173,6 +176,104 @@ def coarse_volume(
         return combine(jax.vmap(jax.vmap(to_centre))(features, offsets), weights)
 
     return _over_candidates(plane, candidates, streamed)
+
+
+def _concatenated(
+    features: Float[Array, "v u h w c"],
+    candidates: Float[Array, " d"],
+    offsets: Float[Array, "v u 2"],
+    rows: Rows,
+) -> Float[Array, "d r w k"]:
+    """The coarse volume of :func:`concatenate`, one row of views after the other.
+
+    On a CPU several times faster than shifting while channels are put side by side: planes are
+    shifted, contiguous in x, then transposed. Only a loop's end keeps XLA from fusing the two.
+    """
+    first, count = rows
+    v, u, h, w, c = features.shape
+
+    def add_row_of_views(volume, row):
+        views, offsets, number = row
+        # A shift that goes beyond the frame would read nothing but zeros.
+        frame = ((0, 0), (0, 0), (h + 3, h + 3), (w + 3, w + 3))
+        framed = jnp.pad(views.transpose(0, 3, 1, 2), frame)
+
+        def shifted(view, displacement):
+            whole = jnp.floor(displacement)
+            fraction = (displacement - whole).astype(view.dtype)
+            size = jnp.array([h, w], whole.dtype)
+            whole = jnp.clip(jax.lax.stop_gradient(whole), -size - 2.0, size + 1.0)
+            row, column = whole.astype(jnp.int32) + jnp.array([h + 3, w + 3], jnp.int32)
+            row = row + jnp.asarray(first, jnp.int32)
+
+            def tap(down, right):
+                start = (0, row + down, column + right)
+                return jax.lax.dynamic_slice(view, start, (c, count, w))
+
+            one = jnp.ones((), view.dtype)
+            left, right = (
+                tap(0, at) * (one - fraction[0]) + tap(1, at) * fraction[0] for at in (0, 1)
+            )
+            return left * (one - fraction[1]) + right * fraction[1]
+
+        def at(candidate):
+            return jax.vmap(shifted)(framed, -candidate * offsets)
+
+        planes = jax.lax.map(at, candidates)
+        planes = planes.transpose(0, 3, 4, 1, 2).reshape(len(candidates), count, w, 1, u * c)
+        return jax.lax.dynamic_update_slice_in_dim(volume, planes, number, 3), None
+
+    volume = jnp.zeros((len(candidates), count, w, v, u * c), features.dtype)
+    volume, _ = jax.lax.scan(add_row_of_views, volume, (features, offsets, jnp.arange(v)))
+    return volume.reshape(len(candidates), count, w, v * u * c)
+
+
+def coarse_volume_means(
+    features: Float[Array, "v u h w c"],
+    candidates: Float[Array, " d"],
+    *,
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> Float[Array, " k"]:
+    """Mean of each channel of :func:`coarse_volume` over candidates and pixels, in closed form.
+
+    How much each row and each column of a view counts depends on the candidate alone, so no volume
+    is needed for what the view attention of the published network looks at.
+
+    Args:
+        features: ``[v, u, h, w, c]`` features (or the images) of the views.
+        candidates: ``[d]`` disparity candidates, pixels per view step.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+
+    Returns:
+        ``[v * u * c]``, channels as :func:`concatenate` has them; in at least float32.
+
+    Raises:
+        InputError: If the features are not floating point, or the shapes do not fit together.
+
+    Example:
+        >>> coarse_volume_means(jnp.ones((3, 3, 8, 8, 4)), jnp.zeros(5))[:3].tolist()
+        [1.0, 1.0, 1.0]
+    """
+    features = as_images(features, "v u h w c", "features")
+    candidates, offsets = _candidates(candidates), _offsets(features, offsets)
+    _, _, h, w, _ = features.shape
+    features = features.astype(jnp.promote_types(features.dtype, jnp.float32))
+
+    def counts(size, offset):
+        """``[v, u, d, size]``: which share of a pixel's value comes from each row or column."""
+        moved = candidates[None, None, :, None] * offset[:, :, None, None]
+        place = jnp.arange(size, dtype=moved.dtype)[None, None, None] + moved
+        lower = jnp.floor(place)
+        inside = [(at >= 0) & (at < size) for at in (lower, lower + 1)]
+        shares = (1 - (place - lower), place - lower)
+        total = sum(jnp.where(*each, 0) for each in zip(inside, shares, strict=True))
+        return (total / size).astype(features.dtype)
+
+    rows, columns = counts(h, offsets[..., 0]), counts(w, offsets[..., 1])
+    of_rows = jnp.einsum("vudi,vuijc->vudjc", rows, features, precision="highest")
+    means = jnp.einsum("vudj,vudjc->vuc", columns, of_rows, precision="highest")
+    return means.reshape(-1) / len(candidates)
 
 
 def refined_volume(

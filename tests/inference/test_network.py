@@ -62,6 +62,16 @@ def test_memory_of_strips_stays_below_that_of_the_whole_volume():
     assert temporary_bytes(16) < 0.4 * temporary_bytes(256)
 
 
+@pytest.mark.parametrize(("size", "gigabytes"), [(64, 1.0), (128, 2.9), (512, 5.5)])
+def test_the_published_network_stays_within_its_memory(size, gigabytes):
+    """By XLA's analysis: 1.5, 3 and 6 GB, less what the process has besides."""
+    config = preset("occcasnet")
+    views = jax.ShapeDtypeStruct((9, 9, size, size), jnp.float32)
+    run = jax.jit(lambda variables, views: infer(variables, views, config)[-1].disparity)
+    compiled = run.lower(variable_shapes(config), views).compile()
+    assert compiled.memory_analysis().temp_size_in_bytes < gigabytes * 1e9
+
+
 def test_a_grid_of_another_size_is_refused():
     with pytest.raises(InputError, match=r"takes grey views \[3, 3, H, W\]"):
         infer({}, jnp.zeros((5, 5, 8, 8)), CONFIG)
@@ -93,14 +103,18 @@ def test_grids_without_attention(grid):
 
 def test_the_coarse_volume_is_not_made_on_a_gpu():
     config = preset("cas_1")
-    views = jax.ShapeDtypeStruct((9, 9, 20, 14), jnp.float32)
 
-    def program(function):
+    def program(function, height):
+        views = jax.ShapeDtypeStruct((9, 9, height, 14), jnp.float32)
         traced = jax.jit(function).trace(variable_shapes(config), views)
         return traced.lower(lowering_platforms=("cuda",)).as_text()
 
-    assert "9x20x14x324x" in program(OccCasNet(config).apply)
-    assert "9x20x14x324x" not in program(partial(infer, config=config))
+    assert "9x20x14x324x" in program(OccCasNet(config).apply, 20)
+    assert "9x20x14x324x" not in program(partial(infer, config=config), 20)
+    # So high that a strip does not read the views as a whole. The configured candidates are known
+    # to fit: no branch but that for the platform.
+    whole, strips = (program(partial(infer, config=config, strip_rows=n), 64) for n in (64, 1))
+    assert strips.count("stablehlo.case") == whole.count("stablehlo.case")
 
 
 def test_the_published_network_on_reference_data(shared):

@@ -53,6 +53,29 @@ def test_coarse_volume_matches_the_loop(combine, tolerance):
     np.testing.assert_allclose(actual, expected, **tolerance("float32"))
 
 
+def test_streamed_concatenation_matches_the_loop(tolerance):
+    """It goes row of views by row of views; also with shifts that leave the image, either way."""
+    candidates = np.array([-9.0, -1.3, 0.0, 0.45, 2.0, 1e6], np.float32)
+    actual = coarse_volume(FEATURES, candidates, offsets=OFFSETS, streamed=True)
+    expected = reference.coarse_volume(
+        FEATURES, candidates, combine=reference.concatenate, offsets=OFFSETS
+    )
+    np.testing.assert_allclose(actual, expected, **tolerance("float32"))
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (1, 4), (5, 2)])
+def test_means_of_the_coarse_volume_are_those_of_the_loop(grid, tolerance):
+    features = random(*grid, 4, 5, 2)
+    candidates = np.array([-9.0, -1.3, 0.0, 0.45, 2.0, 1e6], np.float32)
+    offsets = reference.view_offsets(*grid).astype(np.float32) + 0.3
+    for given in (None, offsets):
+        actual = jax.jit(ops.coarse_volume_means)(features, candidates, offsets=given)
+        volume = reference.coarse_volume(
+            features, candidates, combine=reference.concatenate, offsets=given
+        )
+        np.testing.assert_allclose(actual, volume.mean((0, 1, 2)), **tolerance("float32"))
+
+
 @combines
 @pytest.mark.parametrize("border", ["replicate", "zero"])
 def test_refined_volume_matches_the_loop(combine, border, tolerance):
@@ -136,8 +159,15 @@ def test_strips_of_rows_are_the_rows_of_the_whole(tolerance):
     candidates = jnp.asarray(CANDIDATES)
     coarse = coarse_volume(FEATURES, CANDIDATES, weights=WEIGHTS)
     refined = refined_volume(FEATURES, DISPARITY, CANDIDATES, weights=WEIGHTS)
+    streamed = jax.jit(
+        lambda first: ops.coarse_volume(
+            jnp.asarray(FEATURES), candidates, rows=(first, 2), streamed=True
+        )
+    )
+    unweighted = coarse_volume(FEATURES, CANDIDATES)
     for first in range(3):
         rows = slice(first, first + 2)
+        np.testing.assert_allclose(streamed(first), unweighted[:, rows], **tolerance("float32"))
         strip = strips(FEATURES, DISPARITY[rows], WEIGHTS[:, :, rows], first)
         np.testing.assert_allclose(strip[0], coarse[:, rows], **tolerance("float32"))
         np.testing.assert_allclose(strip[1], refined[:, rows], **tolerance("float32"))
