@@ -24,6 +24,7 @@ import tyro
 from experiments.command_line import main
 from experiments.markdown import markdown_table
 from experiments.training_rows import chosen, simple_scenes, slug, train_row
+from occjax.cli.options import option
 from occjax.data.photographs import load_photographs
 from occjax.data.pool import render_pool
 from occjax.data.scene_config import Defects, Outlines, Textures
@@ -209,11 +210,11 @@ def table(results: Mapping[str, Mapping[str, float]], groups: Mapping[str, list[
 
 
 def run(
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
-    validate: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.", metavar="SCENE")
-    ] = (),
-    rows: Annotated[tuple[str, ...], tyro.conf.arg(help="Which rows; all by default.")] = (),
+    folder: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
+    ],
+    validate: Annotated[tuple[Path, ...], option("Scenes with ground truth.", "SCENE...")] = (),
+    rows: Annotated[tuple[str, ...], option("Which rows; all by default.", "ROW...")] = (),
     small: Annotated[bool, tyro.conf.arg(help="Two steps of a small network.")] = False,
 ) -> dict[str, Mapping[str, float]]:
     """Train every row, print the table and return the scores by row."""
