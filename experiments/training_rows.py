@@ -7,6 +7,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tqdm import tqdm
+
 from occjax.data.scene_config import Defects, Outlines, SceneConfig, Textures
 from occjax.errors import InputError
 from occjax.training import Recipe, Scene, make_source, read_log, train
@@ -43,7 +45,15 @@ def train_row(
         InputError: If the folder holds another training, or the data cannot be used.
     """
     source = source or make_source(row.data, row.train.network)
-    train(row.train, source, place, run=row.run, validation=validation, data=described)
+    train(
+        row.train,
+        source,
+        place,
+        run=row.run,
+        validation=validation,
+        data=described,
+        say=lambda line: tqdm.write(f"{place.name}: {line}"),
+    )
     return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
 
 
