@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -52,7 +53,8 @@ def train_row(
         run=row.run,
         validation=validation,
         data=described,
-        say=lambda line: tqdm.write(f"{place.name}: {line}"),
+        # Standard output is for the table.
+        say=lambda line: tqdm.write(f"{place.name}: {line}", file=sys.stderr),
     )
     return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
 
