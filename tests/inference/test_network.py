@@ -29,8 +29,9 @@ def test_strips_give_the_whole_image_answer(case, rows):
     variables, views, whole = case
     stripped = jax.jit(partial(infer, config=CONFIG, strip_rows=rows))(variables, views)
     for strip, full in zip(stripped, whole, strict=True):
-        np.testing.assert_allclose(strip.disparity, full.disparity, atol=1e-5)
-        np.testing.assert_allclose(strip.probabilities, full.probabilities, atol=1e-5)
+        # Three times the rounding error of a direct convolution, see minimal_filtering.
+        np.testing.assert_allclose(strip.disparity, full.disparity, atol=3e-5)
+        np.testing.assert_allclose(strip.probabilities, full.probabilities, atol=3e-5)
         np.testing.assert_allclose(strip.attention, full.attention, rtol=1e-5)
 
 
@@ -90,17 +91,16 @@ def test_grids_without_attention(grid):
     np.testing.assert_allclose(stripped.disparity, whole.disparity, atol=1e-5)
 
 
-def test_the_coarse_volume_is_not_made():
+def test_the_coarse_volume_is_not_made_on_a_gpu():
     config = preset("cas_1")
     views = jax.ShapeDtypeStruct((9, 9, 20, 14), jnp.float32)
 
     def program(function):
-        return jax.jit(function).lower(variable_shapes(config), views).as_text()
+        traced = jax.jit(function).trace(variable_shapes(config), views)
+        return traced.lower(lowering_platforms=("cuda",)).as_text()
 
     assert "9x20x14x324x" in program(OccCasNet(config).apply)
     assert "9x20x14x324x" not in program(partial(infer, config=config))
-    strips = program(partial(infer, config=config, strip_rows=1))
-    assert "stablehlo.case" not in strips  # the configured candidates are known to fit
 
 
 def test_the_published_network_on_reference_data(shared):

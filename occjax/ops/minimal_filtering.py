@@ -1,0 +1,112 @@
+"""3x3x3 convolution with half of the multiplications, four rows at a time.
+
+Four neighbouring results of a filter of three taps need six multiplications, not twelve, if input
+and filter are first combined linearly (Winograd, Arithmetic Complexity of Computations, 1980;
+Lavin and Gray, Fast Algorithms for Convolutional Neural Networks, CVPR 2016). Here that is done
+across rows: six combinations of six neighbouring rows are convolved in two dimensions, over
+candidates and columns, and four combinations of the results are the rows. One dimension suffices:
+what is combined is read but once while it is in the processor's cache, and the rounding error is
+that of a direct convolution times three.
+
+The combinations are evaluations of polynomials at 0, 3/4, -3/4, 4/3, -4/3 and infinity. The nearer
+to one and the further apart the points, the smaller the rounding error; with the customary 0, 1,
+-1, 2, -2 it is a third larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+ROWS = 4
+"""Rows of the result that are computed together."""
+
+READ = ROWS + 2
+"""Rows of the volume that they depend on."""
+
+_POINTS = (Fraction(0), Fraction(3, 4), Fraction(-3, 4), Fraction(4, 3), Fraction(-4, 3))
+
+
+def _matrices() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Combinations of the filter ``[6, 3]``, the input ``[6, 6]`` and the products ``[4, 6]``.
+
+    A product of polynomials of degree three and two is interpolated from its values at six points.
+    What is computed is its transpose, which correlates.
+    """
+
+    def evaluated(size: int) -> np.ndarray:
+        finite = [[float(point**power) for power in range(size)] for point in _POINTS]
+        return np.array([*finite, [0.0] * (size - 1) + [1.0]])
+
+    of_filter, of_input = evaluated(3), np.linalg.inv(evaluated(READ)).T
+    # Powers of two change no digit.
+    scale = 2.0 ** np.round(np.log2(np.abs(of_filter).sum(1, keepdims=True)))
+    return of_filter / scale, of_input * scale, evaluated(ROWS).T
+
+
+_OF_FILTER, _OF_INPUT, _OF_PRODUCTS = _matrices()
+
+
+def row_kernels(kernel: Float[Array, "3 3 3 c k"]) -> Float[Array, "6 3 3 c k"]:
+    """What :func:`convolve_rows` takes for a kernel over candidates, rows and columns."""
+    return jnp.einsum("pi,dijck->pdjck", jnp.asarray(_OF_FILTER, kernel.dtype), kernel)
+
+
+def convolve_rows(
+    read: Callable[[Int[Array, ""]], Float[Array, "6 d w c"]],
+    height: int,
+    kernels: Float[Array, "6 3 3 c k"],
+    finish: Callable[[Float[Array, "4 d w k"], Int[Array, ""]], Float[Array, "4 d w k"]],
+) -> Float[Array, "h d w k"]:
+    """Convolution of a volume that is read in parts, zero padding.
+
+    Args:
+        read: The rows of the volume from a first one, -1 to ``height - 5``, on; the rows -1 and
+            ``height`` as zeros.
+        height: Number of rows h, four or more.
+        kernels: ``[6, 3, 3, c, k]`` of :func:`row_kernels`.
+        finish: What becomes of rows of the result, the first of which has this number.
+
+    Returns:
+        ``[h, d, w, k]`` the finished rows.
+    """
+    starts = np.minimum(np.arange(0, height, ROWS), height - ROWS)  # the last one overlaps
+
+    def four_rows(start):
+        rows = read(start - 1)
+        products = [
+            _convolve(_combined(factors, rows), kernel)
+            for factors, kernel in zip(_OF_INPUT, kernels, strict=True)
+        ]
+        results = [_combined(factors, products) for factors in _OF_PRODUCTS]
+        return finish(jnp.stack(results), start)
+
+    tiles = jax.lax.map(four_rows, jnp.asarray(starts, jnp.int32))
+    whole = tiles.reshape(-1, *tiles.shape[2:])
+    if height % ROWS == 0:
+        return whole
+    return jnp.concatenate([whole[:-ROWS], whole[-(height % ROWS) :]])
+
+
+def rows_of(volume: Float[Array, "h d w c"]) -> Callable[[Int[Array, ""]], Array]:
+    """What :func:`convolve_rows` reads from a volume that is there, its rows in front."""
+    padded = jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0)))
+    return lambda first: jax.lax.dynamic_slice_in_dim(padded, first + 1, READ)
+
+
+def _combined(factors: np.ndarray, arrays) -> Array:
+    return sum(
+        float(factor) * array for factor, array in zip(factors, arrays, strict=True) if factor
+    )
+
+
+def _convolve(plane: Float[Array, "d w c"], kernel: Float[Array, "3 3 c k"]) -> Array:
+    layout = ("NHWC", "HWIO", "NHWC")
+    return jax.lax.conv_general_dilated(
+        plane[None], kernel, (1, 1), "SAME", dimension_numbers=layout
+    )[0]
