@@ -239,6 +239,7 @@ class _StageVolume:
             self.candidates,
             rows=(first - 1, rows + 2),
             offsets=self.offsets,
+            combine=self.combine,
             streamed=True,
         )
 
