@@ -41,9 +41,10 @@ def test_the_small_form_measures_its_networks(capsys):
     assert row.measured.seconds > 0.0
     # A process with JAX in it and the smaller volume of 9 x 32 x 32 x 36 float32.
     assert row.measured.memory > 50e6 + 9 * 32 * 32 * 36 * 4
-    printed = capsys.readouterr().out.splitlines()[2]
-    assert f"| {row.measured.seconds:.3g} |" in printed
-    assert f"| {row.measured.memory / 1e9:.2f} GB |" in printed
+    table = capsys.readouterr().out.splitlines()
+    assert f"| {row.measured.seconds:.3g} |" in table[2]
+    assert f"| {row.measured.memory / 1e9:.2f} GB |" in table[2]
+    assert table[-1] == efficiency_table.SMALLER
 
 
 def test_a_program_with_a_loop_is_not_counted(monkeypatch):
