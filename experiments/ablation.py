@@ -32,11 +32,12 @@ from typing import Annotated
 import tyro
 
 from experiments.command_line import main
-from experiments.efficiency_table import tera
+from experiments.efficiency_table import mega, tera
 from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
 from experiments.paper_training import Row, Training
 from experiments.training_rows import Scores, chosen
+from occjax.cli.options import option
 from occjax.models import preset
 from occjax.models.work import count_flops, count_parameters
 
@@ -86,7 +87,7 @@ def table(results: Mapping[str, Scores]) -> str:
                 [
                     *(group, f"`{name}`"),
                     *(candidate_numbers(row.network), candidate_intervals(row.network)),
-                    f"{count_parameters(row.network) / 1e6:.2f} M",
+                    mega(count_parameters(row.network)),
                     tera(count_flops(row.network)),
                     *(_number(scores.get("badpix_0.07")), _number(paper and paper.badpix)),
                     *(_number(scores.get("mse_x100")), _number(paper and paper.mse)),
@@ -96,8 +97,10 @@ def table(results: Mapping[str, Scores]) -> str:
 
 
 def run(
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
-    rows: Annotated[tuple[str, ...], tyro.conf.arg(help="Which rows; all by default.")] = (),
+    folder: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
+    ],
+    rows: Annotated[tuple[str, ...], option("Which rows; all by default.", "ROW...")] = (),
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
 ) -> dict[str, Scores]:
     """Train every row, print the table beside the paper's and return the scores by row."""

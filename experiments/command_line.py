@@ -22,6 +22,7 @@ def main(run: Command | Mapping[str, Command], description: str | None) -> NoRet
         run: The function, or several by the name of a command.
         description: For ``--help``.
     """
+    description = description and one_line_each(description)
     spec = sys.modules["__main__"].__spec__
     prog = None if spec is None else f"python -m {spec.name}"
 
@@ -33,3 +34,18 @@ def main(run: Command | Mapping[str, Command], description: str | None) -> NoRet
         return result if isinstance(result, int) else 0
 
     exit_with(command)
+
+
+def one_line_each(text: str) -> str:
+    r"""Paragraphs of prose without line breaks: tyro would keep those before what is no letter.
+
+    Example:
+        >>> one_line_each("What it\n``does``.\n\n    python -m it\n    python -m it --small")
+        'What it ``does``.\n\n    python -m it\n    python -m it --small'
+    """
+    paragraphs = text.split("\n\n")
+    laid_out = [part.startswith((" ", "=")) or "\n " in part for part in paragraphs]
+    return "\n\n".join(
+        part if keep else part.replace("\n", " ")
+        for part, keep in zip(paragraphs, laid_out, strict=True)
+    )

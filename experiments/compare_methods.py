@@ -117,11 +117,25 @@ def compare(
     return scores
 
 
-def write_known(folder: Path) -> tuple[Path, dict[str, Path]]:
-    """A scene and two estimates of it.
+def known_maps(truth: np.ndarray) -> dict[str, np.ndarray]:
+    """Two estimates whose scores are known, by name.
 
     Inside any border, ``moved`` has MSE x100 0.04, BadPix 0, 0 and 100 % and Q25 x100 2; ``half``
     has MSE x100 0.5, BadPix 50 % thrice and Q25 x100 0.
+
+    Args:
+        truth: ``[H, W]`` true disparity, pixels per view step; W is even.
+
+    Returns:
+        ``[H, W]`` each: the truth moved by 0.02, and moved by 0.1 in its left half.
+    """
+    half = truth.copy()
+    half[:, : truth.shape[1] // 2] += np.float32(0.1)
+    return {"moved": truth + np.float32(0.02), "half": half}
+
+
+def write_known(folder: Path) -> tuple[Path, dict[str, Path]]:
+    """The bundled sample as a scene, and :func:`known_maps` of it.
 
     Args:
         folder: For the files.
@@ -131,9 +145,7 @@ def write_known(folder: Path) -> tuple[Path, dict[str, Path]]:
     """
     truth = sample().ground_truth
     assert truth is not None
-    half = truth.copy()
-    half[:, : truth.shape[1] // 2] += np.float32(0.1)
-    maps = {"moved": truth + np.float32(0.02), "half": half}
+    maps = known_maps(truth)
     write_pfm(folder / "sample" / GROUND_TRUTH, truth)
     paths = {name: folder / f"{name}.pfm" for name in maps}
     for name, path in paths.items():

@@ -27,13 +27,17 @@ from typing import Annotated
 
 import tyro
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 from tqdm import tqdm
 
 from experiments.command_line import main
+from experiments.efficiency_table import tera
 from experiments.markdown import markdown_table
 from experiments.measuring import Measured, measure
 from experiments.paper_training import Row, Training
+from experiments.score_tables import shown
 from experiments.training_rows import Scores, slug
+from occjax.cli.options import option
 from occjax.errors import InputError
 from occjax.evaluation import BORDER
 from occjax.models import NetworkConfig, load_weights, preset, sampled
@@ -47,7 +51,7 @@ INTERVALS = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 10)
 FIGURE = "intervals.png"
 
 COLOUR = "#2a6fbb"
-PANELS = ("BadPix 0.07 [%]", "MSE x100", "FLOPs [10^12]", "time [s]")
+PANELS = ("BadPix 0.07 [%]", "MSE x100", "FLOPs", "time [s]")
 
 
 @dataclass(frozen=True)
@@ -78,10 +82,10 @@ class Point:
         return second - first
 
     @property
-    def values(self) -> tuple[float | None, ...]:
+    def values(self) -> tuple[float | None, float | None, int, float | None]:
         """One value for each of :data:`PANELS`; None where it is not known."""
-        accuracy = self.scores.get("badpix_0.07"), self.scores.get("mse_x100")
-        return *accuracy, self.flops / 1e12, self.measured and self.measured.seconds
+        bad, mse = self.scores.get("badpix_0.07"), self.scores.get("mse_x100")
+        return bad, mse, self.flops, self.measured and self.measured.seconds
 
 
 def with_interval(interval: float) -> NetworkConfig:
@@ -153,15 +157,19 @@ def table(points: Sequence[Point]) -> str:
         The table, with a line feed between its lines.
     """
     head = ["interval", "candidates", *PANELS, "peak memory"]
-    rows = [
-        [
-            _fraction(point.interval),
-            str(point.candidates),
-            *("" if value is None else f"{value:#.3g}" for value in point.values),
-            f"{point.measured.memory / 1e9:.2f} GB" if point.measured else "",
-        ]
-        for point in points
-    ]
+    rows = []
+    for point in points:
+        bad, mse, flops, seconds = point.values
+        rows.append(
+            [
+                _fraction(point.interval),
+                str(point.candidates),
+                *("" if score is None else shown(score) for score in (bad, mse)),
+                tera(flops),
+                "" if seconds is None else f"{seconds:.3g}",
+                f"{point.measured.memory / 1e9:.2f} GB" if point.measured else "",
+            ]
+        )
     return markdown_table(head, rows)
 
 
@@ -188,20 +196,21 @@ def figure(points: Sequence[Point]) -> Figure:
             [point.candidates for point in points],
             [f"{point.candidates}\n{_fraction(point.interval)}" for point in points],
         )
-        axes.margins(y=0.1)
         axes.set(title=name, xlabel="candidates, interval [pixels per view step]")
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(0.0, 1.1 * max(point.values[number] for point in at) or 1.0)
+        if name == "FLOPs":
+            axes.yaxis.set_major_formatter(EngFormatter())
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     return picture
 
 
 def run(
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
+    folder: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
+    ],
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
-    weights: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Score these, train nothing.", metavar="FILE")
-    ] = (),
+    weights: Annotated[tuple[Path, ...], option("Score these, train nothing.", "FILE...")] = (),
     intervals: Annotated[
         tuple[float, ...], tyro.conf.arg(help="Distances of neighbouring candidates.")
     ] = INTERVALS,

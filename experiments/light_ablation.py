@@ -6,8 +6,7 @@
 Every row is one change to the same short training on small patches, with its own pool of light
 fields where the change is to them. The first rows differ in the seed alone: smaller differences
 than theirs mean nothing. Cost: about ten minutes a row on two cores, most of it training; rows that
-are done are kept, and one that was interrupted goes on. The table is printed, and committed in
-``docs/training.md``.
+are done are kept, and one that was interrupted goes on. Nobody has run it at full length yet.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ import tyro
 from experiments.command_line import main
 from experiments.markdown import markdown_table
 from experiments.training_rows import chosen, simple_scenes, slug, train_row
+from occjax.cli.options import option
 from occjax.data.photographs import load_photographs
 from occjax.data.pool import render_pool
 from occjax.data.scene_config import Defects, Outlines, Textures
@@ -209,11 +209,11 @@ def table(results: Mapping[str, Mapping[str, float]], groups: Mapping[str, list[
 
 
 def run(
-    folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER")],
-    validate: Annotated[
-        tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.", metavar="SCENE")
-    ] = (),
-    rows: Annotated[tuple[str, ...], tyro.conf.arg(help="Which rows; all by default.")] = (),
+    folder: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
+    ],
+    validate: Annotated[tuple[Path, ...], option("Scenes with ground truth.", "SCENE...")] = (),
+    rows: Annotated[tuple[str, ...], option("Which rows; all by default.", "ROW...")] = (),
     small: Annotated[bool, tyro.conf.arg(help="Two steps of a small network.")] = False,
 ) -> dict[str, Mapping[str, float]]:
     """Train every row, print the table and return the scores by row."""

@@ -43,10 +43,8 @@ class Row:
 class Training:
     """How rows are trained, as options of the command line."""
 
-    data: Annotated[tuple[Path, ...], arg(help="Scenes to train on, or folders of them.")] = ()
-    validate: Annotated[
-        tuple[Path, ...], arg(help="Scenes with ground truth.", metavar="SCENE")
-    ] = ()
+    data: Annotated[tuple[Path, ...], option("Scenes to train on, or folders.", "FOLDER...")] = ()
+    validate: Annotated[tuple[Path, ...], option("Scenes with ground truth.", "SCENE...")] = ()
     recipe: Annotated[RecipeName, arg(help="How each row is trained.")] = "published"
     steps: Annotated[int | None, option("Steps of each row in place of the recipe's.", "INT")] = (
         None

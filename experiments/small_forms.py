@@ -19,6 +19,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
 
+from PIL import Image
 from tyro.conf import Positional, arg
 
 from experiments.command_line import main
@@ -29,12 +30,12 @@ HERE = Path(__file__).parent
 FORMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "ablation": ("FOLDER",),
-        "benchmark_table": (),
+        "benchmark_table": ("-o", "FOLDER"),
         "compare_methods": ("-o", "FOLDER"),
         "efficiency_table": (),
-        "figures": ("-o", "FOLDER"),
+        "figures": ("-o", "FOLDER", "--without", "photometric"),
         "inference_work": (),
-        "interval_study": ("FOLDER",),
+        "interval_study": ("FOLDER", "--time"),
         "light_ablation": ("FOLDER",),
         "photometric_robustness": (),
         "real_scenes": ("-o", "FOLDER/sheet.png"),
@@ -45,8 +46,8 @@ FORMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Arguments of each script beside ``--small``; FOLDER is one for what it writes."""
 
-LARGEST = 100_000
-"""Bytes of the largest picture that is kept beside the sources."""
+LARGEST = 120_000
+"""Bytes beyond which a picture is kept as WebP, whose losses do not matter to look at it."""
 
 
 def run(
@@ -89,6 +90,9 @@ def run(
             for picture in sorted(made.glob("*.png")):
                 if picture.stat().st_size <= LARGEST:
                     shutil.copy(picture, place)
+                else:
+                    with Image.open(picture) as image:
+                        image.convert("RGB").save(place / f"{picture.stem}.webp", method=6)
     return failed
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
+
+from tqdm import tqdm
 
 from occjax.data.scene_config import Defects, Outlines, SceneConfig, Textures
 from occjax.errors import InputError
@@ -43,7 +46,16 @@ def train_row(
         InputError: If the folder holds another training, or the data cannot be used.
     """
     source = source or make_source(row.data, row.train.network)
-    train(row.train, source, place, run=row.run, validation=validation, data=described)
+    train(
+        row.train,
+        source,
+        place,
+        run=row.run,
+        validation=validation,
+        data=described,
+        # Standard output is for the table.
+        say=lambda line: tqdm.write(f"{place.name}: {line}", file=sys.stderr),
+    )
     return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
 
 

@@ -26,9 +26,14 @@ LARGEST = 600
 """Longer side of a map, in pixels, beyond which it is shown smaller."""
 
 RADAR = 430
-"""Diameter of a radar chart."""
+"""Diameter of a radar chart, at least."""
+RADAR_SHARE = 25
+"""Diameter for each measure, so that names do not overlap."""
 RADAR_LABELS = 190
 """Room for the names of the measures on either side."""
+CROWDED = 12
+"""With more measures than this, the names above and below the chart stand farther away, so that
+their neighbours' names fit beside them."""
 
 
 def radar_figure(
@@ -62,11 +67,14 @@ def radar_figure(
     worst = table.max(axis=0)
     shapes = table / np.where(worst > 0.0, worst, 1.0)
 
-    top = MARGIN + TITLE_HEIGHT + 40
+    diameter = max(RADAR, RADAR_SHARE * len(common))
+    away = 24 if len(common) > CROWDED else 0
+    top = MARGIN + TITLE_HEIGHT + 40 + away
+    below = 50 + away
     legend = 24 * len(scores) + 10
-    canvas = Canvas(RADAR + 2 * RADAR_LABELS, top + RADAR + 50 + legend)
+    canvas = Canvas(diameter + 2 * RADAR_LABELS, top + diameter + below + legend)
     canvas.title(title, MARGIN)
-    axes = canvas.axes(RADAR_LABELS, top, RADAR, RADAR, projection="polar")
+    axes = canvas.axes(RADAR_LABELS, top, diameter, diameter, projection="polar")
     angles = 2.0 * np.pi * np.arange(len(common)) / len(common)
     for number, (method, shape) in enumerate(zip(scores, shapes, strict=True)):
         repeats, colour = divmod(number, len(METHOD_COLOURS))
@@ -91,16 +99,18 @@ def radar_figure(
     axes.spines["polar"].set_visible(False)
     for angle, name, value in zip(angles, common, worst, strict=True):
         side, height = np.sin(angle), np.cos(angle)
+        pole = abs(side) < 0.1
         axes.text(
             angle,
-            1.06,
+            1.06 + pole * away / (0.5 * diameter),
             f"{name.replace('_', ' ')}\n{value:.3g}",
             fontsize=8.5,
             color=TEXT,
-            ha="center" if abs(side) < 0.1 else "left" if side > 0 else "right",
-            va="bottom" if height > 0.9 else "top" if height < -0.9 else "center",
+            ha="center" if pole else "left" if side > 0 else "right",
+            va="bottom" if height > 0.97 else "top" if height < -0.97 else "center",
         )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -50 / RADAR), frameon=False, fontsize=9.5)
+    place = (0.5, -below / diameter)
+    axes.legend(loc="upper center", bbox_to_anchor=place, frameon=False, fontsize=9.5)
     return canvas.figure
 
 

@@ -28,7 +28,10 @@ def test_the_small_form_trains_a_row_once_and_shows_it(tmp_path, capsys):
     # Candidates, intervals, parameters and FLOPs as in table 3 of the paper.
     expected = ["sharing, occlusion", "`cas_2_occ_gt`", "9, 9", "1, 1/8", "4.79 M", "5.87 T"]
     expected += [f"{ours['badpix_0.07']:.3f}", "2.257", f"{ours['mse_x100']:.3f}", "0.792"]
-    assert cells_of(capsys.readouterr().out, "cas_2_occ_gt") == expected
+    printed = capsys.readouterr()
+    assert cells_of(printed.out, "cas_2_occ_gt") == expected
+    assert printed.out.startswith("| about |")  # the table alone
+    assert "cas_2_occ_gt: step 2: mse_x100" in printed.err
 
     log = (tmp_path / "cas_2_occ_gt" / "log.jsonl").read_text()
     assert ablation.run(tmp_path, training=Training(show=True)) == results

@@ -125,7 +125,7 @@ def test_the_small_form_draws_all_that_light_has(script, tmp_path):
     assert (code, err) == (0, "")
     assert "occlusion.png is left out: light has no occlusion maps" in out
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    drawn = ("angular_patches", "light_field", "occlusion_maps", "stages")
+    drawn = ("angular_patches", "light_field", "methods", "occlusion_maps", "stages")
     assert names == {f"{name}.png" for name in drawn}
 
 

@@ -1,6 +1,7 @@
 """Comparisons of methods: shapes hold the scores, colours say which of two is better."""
 
 import io
+from itertools import combinations
 
 import imageio.v3 as imageio
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from matplotlib import colormaps
 
 from occjax.errors import InputError
+from occjax.evaluation.benchmark import metric_names
 from occjax.viz import pairwise_figure, radar_figure
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
 from occjax.viz.methods import error_difference
@@ -36,6 +38,20 @@ def test_the_radius_is_the_share_of_the_worst_score():
 def test_spokes_are_named_with_the_worst_score_and_only_common_ones_are_there():
     shown = words(radar_figure(SCORES, title="Scene"))
     assert shown == ["Scene", "mse\n4", "runtime\n3", "bad\n8", "perfect\n0"]
+
+
+@pytest.mark.parametrize("count", range(3, 1 + len(metric_names())))
+def test_names_of_the_measures_do_not_overlap(count):
+    """From few measures to all that there are, in any place around the chart."""
+    for first in (0, len(metric_names()) - count):
+        names = metric_names()[first : first + count]
+        figure = radar_figure({"one": dict.fromkeys(names, 12.34)})
+        boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+        legend = figure.axes[0].get_legend().get_window_extent()
+        assert not any(legend.overlaps(box) for box in boxes)
+        width, height = figure.get_size_inches() * 100
+        assert all(box.x0 >= 0 and box.x1 <= width and box.y1 <= height for box in boxes)
 
 
 def test_a_score_that_is_not_finite_is_not_common():
