@@ -23,12 +23,12 @@ from tqdm import tqdm
 from experiments.command_line import main
 from experiments.cut_outs import cut_out
 from experiments.markdown import markdown_table
+from experiments.real_scenes import named_estimator
 from occjax import load
 from occjax.cli.options import option
 from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.evaluation import Metrics, evaluate
-from occjax.inference import Estimator
 from occjax.io.atomic import atomic_path
 from occjax.lightfield import LightField
 
@@ -58,7 +58,7 @@ def scores_of(scene: LightField, models: Sequence[str]) -> dict[str, Score]:
 
     Args:
         scene: With its ground truth.
-        models: Names of models, or of weights.
+        models: Names of models, or files of weights.
 
     Raises:
         InputError: If the scene has no ground truth, or there is no such model.
@@ -67,7 +67,7 @@ def scores_of(scene: LightField, models: Sequence[str]) -> dict[str, Score]:
         raise InputError(f"{scene.name}: has no ground truth to score against")
     scores = {}
     for model in models:
-        estimate = Estimator(model)(scene)
+        estimate = named_estimator(model)(scene)
         metrics = evaluate(estimate.disparity, scene.ground_truth)
         scores[model] = Score(metrics, estimate.seconds["run"])
     return scores
@@ -94,7 +94,7 @@ def run(
     scenes: tyro.conf.Positional[
         Annotated[tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.")]
     ] = (),
-    models: Annotated[tuple[str, ...], tyro.conf.arg(help="Models to compare.")] = (
+    models: Annotated[tuple[str, ...], tyro.conf.arg(help="Models, or files of weights.")] = (
         "photometric",
         "light",
     ),

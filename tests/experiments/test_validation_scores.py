@@ -1,12 +1,15 @@
 """The table of scores is made of what the metrics say."""
 
 import dataclasses
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from experiments import validation_scores
+from experiments.cut_outs import cut_out
 from experiments.validation_scores import Score, table
+from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.evaluation import evaluate
 from tests.scenes import plane
@@ -32,6 +35,13 @@ def test_the_small_form_scores_the_sample(tmp_path, capsys, monkeypatch):
     written = file.read_text(encoding="utf-8")
     assert f"| photometric | {metrics.mse_x100:.2f} |" in written
     assert written in capsys.readouterr().out
+
+
+def test_weights_in_a_file_are_a_model(tmp_path):
+    file = tmp_path / "mine.safetensors"
+    file.write_bytes((files("occjax.models") / "weight_files/light.safetensors").read_bytes())
+    scores = validation_scores.scores_of(cut_out(sample(), 64), ("light", str(file)))
+    assert scores[str(file)].metrics == scores["light"].metrics
 
 
 def test_what_cannot_be_scored_is_said():
