@@ -3,9 +3,10 @@
     python -m experiments.small_forms                       (all, one after the other)
     python -m experiments.small_forms ablation figures
 
-Cost: minutes a script on two cores, longest ``ablation``, which trains every row; no download. All
-in one go has not been timed. Expected: every script ends well. Networks of few channels that were
-trained for two steps show that the scripts run, nothing about a method.
+Cost: about half an hour on two cores, no download; most scripts take half a minute, but those that
+train every row longer: ``ablation`` a quarter of an hour, ``light_ablation`` ten minutes. Expected:
+every script ends well. Networks of few channels that were trained for two steps show that the
+scripts run, nothing about a method.
 """
 
 from __future__ import annotations
