@@ -105,7 +105,7 @@ def first_layer(config: NetworkConfig, size: int, rows: int) -> tuple[float, flo
 def count(name: str, config: NetworkConfig, size: int) -> Row:
     """Operations of a network on views of a size."""
     halo = of_kind(config.stages[0].aggregation, Residual).halo
-    rows = rows_of_strip(size, halo)
+    rows = rows_of_strip(size, size, halo)
     whole = first_layer(config, size, size)
     strips = whole
     if size > rows + 2 * halo:
@@ -193,11 +193,11 @@ def run(
         *("cas_1", "cas_2_coarse_17", "occcasnet", "subfocal"),
     ),
     small: Annotated[
-        bool, tyro.conf.arg(help="Networks of 3x3 views and few channels at 192 pixels.")
+        bool, tyro.conf.arg(help="Networks of 3x3 views and few channels at 256 pixels.")
     ] = False,
 ) -> list[Row]:
     """Count, compare the answers, print the table and return its rows."""
-    size = 192 if small else size
+    size = 256 if small else size
     if size < 1:
         raise InputError(f"--size must be 1 or more, not {size}")
     configs = {name: preset(name) for name in networks}

@@ -15,6 +15,7 @@ number of views.
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import jax
@@ -40,8 +41,8 @@ from occjax.ops import (
 )
 from occjax.ops.minimal_filtering import READ, ROWS
 
-STRIP_PIXELS = 2**15
-"""Pixels of a strip, halo included: ``occcasnet`` then needs less than six gigabytes."""
+STRIP_PIXELS = 3 * 2**14
+"""Pixels of a strip, halo included: ``occcasnet`` then needs less than four gigabytes."""
 
 
 def infer(
@@ -70,7 +71,7 @@ def infer(
             networks of any arrangement of views.
         dtype: Type of the convolutions.
         strip_rows: Rows computed at a time; memory is proportional to this plus twice the halo. By
-            default as many as make :data:`STRIP_PIXELS` with it.
+            default those of :func:`rows_of_strip`.
 
     Returns:
         One :class:`StageOutput` per stage; the last is the answer.
@@ -114,20 +115,28 @@ def infer(
             in_rows = _in_rows(variables, config, index, volume, attention)
             compute = _by_platform(cpu=in_rows, default=compute)
         halo = of_kind(stage.aggregation, Residual).halo
-        rows = strip_rows or rows_of_strip(views.shape[3], halo)
+        rows = strip_rows or rows_of_strip(views.shape[2], views.shape[3], halo)
         scores = _in_strips(compute, height=views.shape[2], rows=rows, halo=halo)
         done.append(stage_output(scores, values, before, attention, maps))
     return tuple(done)
 
 
-def rows_of_strip(width: int, halo: int) -> int:
-    """Rows computed at a time: as many as make :data:`STRIP_PIXELS` with their halo, at least one.
+def rows_of_strip(height: int, width: int, halo: int) -> int:
+    """Rows computed at a time, so that strips are even and none has more than STRIP_PIXELS.
 
     Args:
-        width: Of the centre view, in pixels.
+        height: Of the centre view, in pixels.
+        width: Likewise.
         halo: Rows read on either side.
+
+    Returns:
+        The height, if that many pixels make one strip; one at least.
     """
-    return max(1, STRIP_PIXELS // width - 2 * halo)
+    read = STRIP_PIXELS // width
+    if height <= read:
+        return height
+    strips = math.ceil(height / max(1, read - 2 * halo))
+    return math.ceil(height / strips)
 
 
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:

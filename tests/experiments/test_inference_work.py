@@ -15,7 +15,7 @@ def test_the_layer_on_the_volume_is_the_one_that_the_formula_counts(capsys):
     (row,) = inference_work.run(networks=("occcasnet",), small=True)
     counted = {
         layer.name: layer
-        for layer in layers(small_form(preset("occcasnet")), (192, 192), padding=False)
+        for layer in layers(small_form(preset("occcasnet")), (256, 256), padding=False)
     }
     assert row.volume == pytest.approx(2 * counted["aggregation_0/conv_0"].multiply_adds, rel=0.05)
     # Per voxel 27 K F V U / D + 6 K U (V + 1) in place of 27 K F V U; on top the frame around the
@@ -26,8 +26,9 @@ def test_the_layer_on_the_volume_is_the_one_that_the_formula_counts(capsys):
     assert share < row.commuted / row.volume < 2 * share
     # A strip needs more rows of the views than it has.
     assert row.commuted / row.volume < row.strips_commuted / row.strips_volume < 2.2 * share
-    # Two strips of 2^15 pixels, border included, in place of 192 rows.
-    assert row.strips_volume == pytest.approx(row.volume * 2 * (2**15 // 192) / 192, rel=0.05)
+    # Two strips of 128 rows, and on each side a row for every layer, in place of 256 rows.
+    rows = 128 + 2 * config.stages[0].aggregation.halo
+    assert row.strips_volume == pytest.approx(row.volume * 2 * rows / 256, rel=0.05)
     printed = capsys.readouterr().out
     assert f"| {row.volume / row.commuted:.1f} |" in printed
 
