@@ -5,8 +5,8 @@
     python -m experiments.inference_work --small                      (seconds, for the test)
 
 Cost: half a minute, less than 2 GB; operations are counted of lowered programs that are never run,
-and one small light field is estimated twice. Expected: with 33 candidates about a ninth of the
-operations where the image is computed at once, an eighth in strips, which have more border; with
+and one small light field is estimated twice. Expected: with 33 candidates about a tenth of the
+operations where the image is computed at once, a ninth in strips, which have more border; with
 nine candidates, over which the convolution of the views is divided, a fifth; the same disparity.
 The result is committed beside this file.
 
