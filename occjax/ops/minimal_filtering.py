@@ -91,9 +91,10 @@ def convolve_rows(
         return jax.lax.dynamic_update_slice_in_dim(result, four_rows(start), start + 1, 0), None
 
     rows = jax.eval_shape(four_rows, jax.ShapeDtypeStruct((), jnp.int32))
-    # The volume's row -1 is zero. Zeros that do not depend on it would be made for all layers in
-    # advance, and take their memory.
-    zero = read(jnp.int32(-1))[0, 0, 0, 0].astype(rows.dtype)
+    # Zeros that do not depend on the volume would be made for all layers in advance, and take
+    # their memory.
+    value = jax.lax.stop_gradient(read(jnp.int32(-1))[0, 0, 0, 0])
+    zero = jnp.minimum(jnp.abs(jnp.nan_to_num(value)), 0.0).astype(rows.dtype)
     result = jnp.full((height + 2, *rows.shape[1:]), zero)
     return jax.lax.scan(add_rows, result, jnp.asarray(starts, jnp.int32))[0]
 
