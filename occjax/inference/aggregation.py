@@ -14,10 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from occjax.models.config import Residual
+from occjax.models.layers import EPSILON
 from occjax.ops.minimal_filtering import ROWS, convolve_rows, row_kernels, rows_between_zeros
-
-EPSILON = 1e-3
-"""Of BatchNorm, as published."""
 
 Read = Callable[[Int[Array, ""]], Float[Array, "6 d w c"]]
 

@@ -7,7 +7,8 @@ computed before: the features (their spatial pyramid reaches far) and the mean o
 which the view attention is made.
 
 The first convolution of a coarse volume, a third of the published network's work, is computed
-without making the volume, see :mod:`occjax.ops.convolved_volume`.
+without making the volume, see :mod:`occjax.ops.convolved_volume`; on a CPU in float32 the whole
+aggregation instead has half of the multiplications, see :mod:`occjax.ops.minimal_filtering`.
 
 Networks of any arrangement of views are computed whole: what they keep does not grow with the
 number of views.

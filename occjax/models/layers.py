@@ -14,12 +14,16 @@ BATCH_AXIS = "batch"
 """Name of the vmapped axis over which BatchNorm synchronises its statistics while training."""
 
 
+EPSILON = 1e-3
+"""Of BatchNorm, as published."""
+
+
 def normalise(*, train: bool, dtype: DTypeLike, name: str | None = None) -> nn.BatchNorm:
     """BatchNorm as published: epsilon 1e-3, momentum 0.99, synchronised over the batch."""
     return nn.BatchNorm(
         use_running_average=not train,
         momentum=0.99,
-        epsilon=1e-3,
+        epsilon=EPSILON,
         axis_name=BATCH_AXIS if train else None,
         dtype=dtype,
         name=name,

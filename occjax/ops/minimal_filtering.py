@@ -67,7 +67,7 @@ def convolve_rows(
 
     Args:
         read: The rows of the volume from a first one, -1 to ``height - 5``, on; the rows -1 and
-            ``height`` as zeros.
+            ``height`` as zeros, or as what the volume is a part of has there.
         height: Number of rows h, four or more.
         kernels: ``[6, 3, 3, c, k]`` of :func:`row_kernels`.
         finish: What becomes of rows of the result, the first of which has this number.

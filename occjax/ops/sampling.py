@@ -69,13 +69,7 @@ def shift(
         raise InputError(
             f"disparity must be one number, not {list(disparity.shape)}; a map is for warp"
         )
-    displacement = -disparity * offset
-    whole = jnp.floor(displacement)
-    fraction = (displacement - whole).astype(image.dtype)
-    # A shift by more than the image reads only zeros, in the rows beside it too; clamping keeps it
-    # within integers.
-    size = jnp.array([h, w], whole.dtype)
-    row, column = jnp.clip(jax.lax.stop_gradient(whole), -size - 2.0, size + 1.0).astype(jnp.int32)
+    (row, column), fraction = whole_and_fraction(-disparity * offset, (h, w), image.dtype)
     row = row + jnp.asarray(first, jnp.int32)
     # One row and column of zeros on each side stand for all that lies outside.
     rows_read = jnp.clip(row + jnp.arange(count + 1, dtype=jnp.int32), -1, h) + 1
@@ -85,6 +79,21 @@ def shift(
     between_rows = taps[:-1] * (one - fraction[0]) + taps[1:] * fraction[0]
     left, right = between_rows[:, :-1], between_rows[:, 1:]
     return left * (one - fraction[1]) + right * fraction[1]
+
+
+def whole_and_fraction(
+    displacement: Float[Array, "2"], size: tuple[int, int], dtype: jnp.dtype
+) -> tuple[Int[Array, "2"], Float[Array, "2"]]:
+    """A displacement ``(row, column)`` as whole pixels and the fraction beyond, of the type.
+
+    A shift by more than the image reads only zeros, in the rows beside it too; clamping the whole
+    pixels to ``-size - 2`` and ``size + 1`` keeps them within integers.
+    """
+    whole = jnp.floor(displacement)
+    fraction = (displacement - whole).astype(dtype)
+    limit = jnp.array(size, whole.dtype)
+    whole = jnp.clip(jax.lax.stop_gradient(whole), -limit - 2.0, limit + 1.0)
+    return whole.astype(jnp.int32), fraction
 
 
 def warp(

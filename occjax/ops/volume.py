@@ -22,7 +22,15 @@ from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
 from occjax.ops.geometry import view_offsets
-from occjax.ops.sampling import Border, Rows, as_coordinates, as_images, shift, warp
+from occjax.ops.sampling import (
+    Border,
+    Rows,
+    as_coordinates,
+    as_images,
+    shift,
+    warp,
+    whole_and_fraction,
+)
 
 Combine = Callable[[Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]]
 """Registered views and their weights at one candidate -> that candidate's plane of the volume."""
@@ -199,11 +207,8 @@ def _concatenated(
         framed = jnp.pad(views.transpose(0, 3, 1, 2), frame)
 
         def shifted(view, displacement):
-            whole = jnp.floor(displacement)
-            fraction = (displacement - whole).astype(view.dtype)
-            size = jnp.array([h, w], whole.dtype)
-            whole = jnp.clip(jax.lax.stop_gradient(whole), -size - 2.0, size + 1.0)
-            row, column = whole.astype(jnp.int32) + jnp.array([h + 3, w + 3], jnp.int32)
+            whole, fraction = whole_and_fraction(displacement, (h, w), view.dtype)
+            row, column = whole + jnp.array([h + 3, w + 3], jnp.int32)
             row = row + jnp.asarray(first, jnp.int32)
 
             def tap(down, right):
