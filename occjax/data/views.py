@@ -11,8 +11,9 @@ import numpy as np
 from occjax.data.samples import Sample
 from occjax.errors import InputError
 
-Arrangement = Literal["all", "cross", "star"]
-"""All views; those of the centre view's row and column; these and those of both diagonals."""
+Arrangement = Literal["all", "cross", "star", "outer_star"]
+"""All views; those of the centre view's row and column; these and those of both diagonals; of these
+the two outermost in each of the eight directions, which tell the most about disparity."""
 
 Selection = Arrangement | tuple[int, int]
 """An arrangement, or ``(V, U)``: the views of that many rows and columns around the centre view."""
@@ -28,7 +29,8 @@ def select_views(sample: Sample, selection: Selection) -> Sample:
         sample: One sample, or a batch of them of one arrangement; NumPy or JAX arrays. A grid may
             have any size, of odd or even numbers of views.
         selection: ``"all"``, ``"cross"`` (row and column of the centre view), ``"star"`` (and both
-            diagonals) or ``(V, U)``.
+            diagonals), ``"outer_star"`` (its two outermost views in each direction) or
+            ``(V, U)``.
 
     Returns:
         Views ``[V, U]`` for ``(V, U)`` of a grid, else ``[1, n]``: row by row, but with the centre
@@ -42,7 +44,7 @@ def select_views(sample: Sample, selection: Selection) -> Sample:
         >>> images = jnp.zeros((9, 9, 4, 6))
         >>> known = images == 0
         >>> sample = Sample(images, view_offsets(9, 9), images[4, 4], known, known[4, 4])
-        >>> [select_views(sample, some).views.shape[:2] for some in ("star", "cross", (3, 5))]
+        >>> [select_views(sample, some).views.shape[:2] for some in ("star", "outer_star", (3, 5))]
         [(1, 33), (1, 17), (3, 5)]
     """
     _check(selection)
@@ -145,8 +147,10 @@ def chosen_views(places: np.ndarray, selection: Selection) -> np.ndarray:
         taken = np.ones(len(places), bool)
     elif isinstance(selection, str):
         taken = (row == 0) | (column == 0)
-        if selection == "star":
+        if selection != "cross":
             taken |= np.abs(row) == np.abs(column)
+        if selection == "outer_star":
+            taken &= _further_out(row, column, taken) < 2
     else:
         first = -(np.array(selection) // 2)
         last = first + np.array(selection) - 1
@@ -161,3 +165,12 @@ def chosen_views(places: np.ndarray, selection: Selection) -> np.ndarray:
     others = np.setdiff1d(np.flatnonzero(taken), centre)
     others = others[np.lexsort((column[others], row[others]))]
     return np.insert(others, (len(others) + 1) // 2, centre).astype(np.int32)
+
+
+def _further_out(row: np.ndarray, column: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """How many of the views that count lie further out in the same of eight directions."""
+    distance = np.maximum(np.abs(row), np.abs(column))
+    direction = np.stack([np.sign(row), np.sign(column)], axis=-1)
+    alike = np.all(direction[:, None] == direction[None], axis=-1)
+    further = distance[None] > distance[:, None]
+    return (alike & further & counted[None]).sum(axis=1)

@@ -58,7 +58,8 @@ def for_any_views(
 ) -> Ready:
     """Grey views, candidates at the network's interval, no truth, offsets, views, bounds.
 
-    Of a grid the network looks at the centre view's row, column and diagonals, as in training.
+    Of a grid the network looks at the two outermost views in each of the eight directions along the
+    centre view's row, column and diagonals, as in training.
 
     Args:
         light_field: Views and what is known about them.
@@ -72,7 +73,7 @@ def for_any_views(
     places = np.asarray(view_offsets(*light_field.grid))
     positions = _positions(light_field)
     offsets = places if positions is None else positions
-    looked_at = chosen_views(places.reshape(-1, 2), "star" if positions is None else "all")
+    looked_at = chosen_views(places.reshape(-1, 2), "outer_star" if positions is None else "all")
     farthest = float(np.abs(offsets).max())
     if farthest == 0:
         raise InputError(

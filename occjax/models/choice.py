@@ -15,13 +15,12 @@ from occjax.models.layers import (
     ImageConv,
     Residual3x3,
     depth_to_space,
-    double,
-    halve,
     space_to_depth,
 )
 from occjax.models.proposals import BEST_HALF, Proposals
 from occjax.ops.filtering import central_differences, neighbours
 from occjax.ops.planes import greatest_plane, sum_planes
+from occjax.ops.resolution import double, halve
 
 LITTLE = 0.003
 """Cost below which differences between proposals are noise."""
@@ -112,12 +111,12 @@ class ProposalChoice(nn.Module):
         x = _normalised(x, "context_enter", self.dtype)
         levels = [block(x, 0, "level_0")]
         for level in range(1, len(widths)):
-            x = block(halve(levels[-1]), level, f"down_{level}_0")
+            x = block(halve(levels[-1], (1, 2)), level, f"down_{level}_0")
             levels.append(block(x, level, f"down_{level}_1"))
         x = levels[-1]
         for level in reversed(range(len(widths) - 1)):
             below = nn.Dense(widths[level], dtype=self.dtype, name=f"widen_{level}")(x)
-            x = block(levels[level] + double(below), level, f"up_{level}")
+            x = block(levels[level] + double(below, (1, 2)), level, f"up_{level}")
         return x
 
 

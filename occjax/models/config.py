@@ -62,10 +62,11 @@ class DerivativeFeatures:
 
 @dataclass(frozen=True)
 class SemiGlobalConfig:
-    """Semi-global aggregation, from which the learned one starts.
+    """Semi-global aggregation, at half resolution.
 
     Attributes:
-        smoothness: Cost of a disparity that changes by one pixel per view step from pixel to pixel.
+        smoothness: Cost of a disparity that changes by one pixel per view step from one pixel of
+            half resolution to the next.
         jump: Greatest cost of a depth edge, where the image has none.
         edge: Grey difference between neighbouring pixels over which a depth edge becomes cheaper by
             a factor e.
@@ -73,8 +74,8 @@ class SemiGlobalConfig:
             unless what is learned corrects it.
     """
 
-    smoothness: float = 0.6
-    jump: float = 2.0
+    smoothness: float = 0.3
+    jump: float = 1.0
     edge: float = 0.03
     temperature: float = 0.1
 

@@ -202,26 +202,3 @@ def depth_to_space(images: Float[Array, "n i j k"]) -> Float[Array, "n h w c"]:
     n, i, j, k = images.shape
     blocks = images.reshape(n, i, j, 2, 2, k // 4)
     return blocks.transpose(0, 1, 3, 2, 4, 5).reshape(n, 2 * i, 2 * j, k // 4)
-
-
-def halve(images: Float[Array, "n h w c"]) -> Float[Array, "n i j c"]:
-    """Mean of each 2x2 pixels; height and width must be even.
-
-    Example:
-        >>> halve(jnp.arange(4.0).reshape(1, 2, 2, 1)).tolist()
-        [[[[1.5]]]]
-    """
-    rows = images[:, ::2] + images[:, 1::2]
-    return (rows[:, :, ::2] + rows[:, :, 1::2]) / 4
-
-
-def double(images: Float[Array, "n h w c"]) -> Float[Array, "n i j c"]:
-    """Each pixel as 2x2 pixels: the grid that :func:`halve` came from.
-
-    Example:
-        >>> double(jnp.ones((1, 1, 1, 1))).shape
-        (1, 2, 2, 1)
-    """
-    n, h, w, c = images.shape
-    images = jnp.broadcast_to(images[:, :, None, :, None], (n, h, 2, w, 2, c))
-    return images.reshape(n, 2 * h, 2 * w, c)

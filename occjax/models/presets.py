@@ -60,8 +60,8 @@ def _around(interval: float) -> tuple[float, ...]:
 
 
 _AROUND = (
-    *((-3, 0), (3, 0), (0, -3), (0, 3)),
-    *((-5, -5), (-5, 5), (5, -5), (5, 5)),
+    *((-4, 0), (4, 0), (0, -4), (0, 4)),
+    *((-10, -10), (-10, 10), (10, -10), (10, 10)),
 )
 """Pixels near enough to be on the same surfaces, some of them beyond a blurred edge."""
 

@@ -7,6 +7,7 @@ from depth edges. What is learned is which surface a pixel near an edge belongs 
 from __future__ import annotations
 
 import flax.linen as nn
+import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
@@ -17,6 +18,7 @@ from occjax.models.proposals import GreyViews, Proposals, propose, refine, searc
 from occjax.models.stages import StageOutput, stage_output
 from occjax.ops.brightness import WHITE, white_level
 from occjax.ops.refinement import median_filter
+from occjax.ops.resolution import double
 
 
 class SectorCascade(nn.Module):
@@ -57,7 +59,7 @@ class SectorCascade(nn.Module):
         height, width = views.shape[2:]
         grey, candidates, scale = self._scaled(views, offsets, candidates, self.config.multiple)
         found = search(grey, candidates, self.config)
-        first = StageOutput(found.disparity, found.probabilities, candidates)
+        first = StageOutput(double(found.disparity), double(found.probabilities), candidates)
         disparity = refine(grey, found, candidates, self.config)
         proposals = propose(grey, found, disparity, candidates, self.config)
         chosen = self.choose(proposals)
@@ -77,10 +79,12 @@ class SectorCascade(nn.Module):
         Returns:
             The proposals, disparities scaled to the network's reach.
         """
-        grey, candidates, _ = self._scaled(views, offsets, None, multiple=1)
+        height, width = views.shape[2:]
+        grey, candidates, _ = self._scaled(views, offsets, None, multiple=2)
         found = search(grey, candidates, self.config)
         disparity = refine(grey, found, candidates, self.config)
-        return propose(grey, found, disparity, candidates, self.config)
+        proposals = propose(grey, found, disparity, candidates, self.config)
+        return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
 
     def choose(self, proposals: Proposals) -> StageOutput:
         """The second stage: the disparity of the best proposals.

@@ -114,7 +114,7 @@ def prepared_source(
 
     Args:
         pools: Folders of :func:`occjax.data.pool.render_pool`, of light fields of one size; of a
-            grid of views the star is used.
+            grid of views the ``"outer_star"`` is used.
         folder: Where what is prepared is kept; made if it is not there.
         network: For which it is prepared.
         batch_size: Light fields per step.
@@ -150,7 +150,7 @@ def prepared_source(
     def one(number: int) -> PreparedSample:
         path = folder / f"{number:06d}.npz"
         if not path.exists():
-            sample = select_views(read_sample(files[number]), "star")
+            sample = select_views(read_sample(files[number]), "outer_star")
             key = jax.random.fold_in(jax.random.key(varied), number)
             write_prepared(path, prepare(key, to_device(sample), network, augmentation))
         return read_prepared(path)
