@@ -176,8 +176,11 @@ class Estimator:
         begin = time.perf_counter()
         result = jax.tree.map(np.asarray, jax.block_until_ready(compiled(*arguments)))
         seconds["run"] = time.perf_counter() - begin
+        maps, disparity = result.pop("occlusion", None), result["disparity"]
+        on_a_grid = isinstance(self.config, NetworkConfig) and self.config.views is not None
         return Estimate(
             **result,
+            find_occlusion=lambda: maps if on_a_grid else _occlusion(light_field, disparity),
             disparity_range=ready.searched,
             model=self.model,
             weights=self.weights,
@@ -206,7 +209,7 @@ class Estimator:
 
         Returns:
             What gives a dictionary of ``disparity``, ``confidence`` and the other maps of
-            :class:`Estimate`.
+            :class:`Estimate`; occlusion maps only of a network that looks at them itself.
 
         Raises:
             InputError: As a call does.
@@ -218,14 +221,17 @@ class Estimator:
             >>> [shape.shape for shape in exported.in_avals]
             [(3, 3, 256, 256)]
         """
-        views, *others = jax.tree.map(
-            jnp.asarray, self._ready(light_field, disparity_range).arguments
-        )
+        ready = self._ready(light_field, disparity_range)
+        views, *others = jax.tree.map(jnp.asarray, ready.arguments)
+        looked_at = ready.looked_at
+        grid = views.shape[:2] if looked_at is None else light_field.grid
 
         def run(views):
+            if looked_at is not None:
+                views = views.reshape(1, -1, *views.shape[2:])[:, looked_at]
             return self._run(self._variables, views, *others, **self._settings)
 
-        shape = jax.ShapeDtypeStruct(views.shape, views.dtype)
+        shape = jax.ShapeDtypeStruct((*grid, *views.shape[2:]), views.dtype)
         return jax.export.export(jax.jit(run), platforms=platforms)(shape)
 
     def _ready(self, light_field: LightField, disparity_range: tuple[float, float] | None) -> Ready:
@@ -254,9 +260,18 @@ def _compiled(run: Callable, structure: Any, shapes: tuple, **static: Any) -> Ca
     return jax.jit(run, static_argnames=tuple(static)).lower(*arguments, **static).compile()
 
 
+def _occlusion(light_field: LightField, disparity: np.ndarray) -> np.ndarray:
+    """Occlusion maps of all views, where no network needs them for itself."""
+    maps = jax.jit(occlusion_maps)(
+        light_field.grey()[..., None], disparity, offsets=light_field.positions
+    )
+    return np.asarray(maps)
+
+
 def _run_photometric(_, views, candidates, offsets, *, config):
-    result = photometric(views, candidates, offsets=offsets, config=config)
-    return {**result._asdict(), "stages": (result.coarse, result.disparity)}
+    result = photometric(views, candidates, offsets=offsets, config=config)._asdict()
+    del result["occlusion"]
+    return {**result, "stages": (result["coarse"], result["disparity"])}
 
 
 def _run_network(variables, views, candidates, ground_truth, *, config, dtype):
@@ -268,30 +283,26 @@ def _run_network(variables, views, candidates, ground_truth, *, config, dtype):
         ground_truth=ground_truth,
         dtype=jnp.dtype(dtype),
     )
-    return _maps(stages, stages[-1].occlusion)
+    return {**_maps(stages), "occlusion": stages[-1].occlusion}
 
 
-def _run_on_some_views(
-    variables, views, candidates, ground_truth, offsets, looked_at, bounds, *, config, dtype
-):
-    v, u, h, w = views.shape
+def _run_on_some_views(variables, views, candidates, offsets, bounds, *, config, dtype):
     stages = infer(
         variables,
-        views.reshape(1, v * u, h, w)[:, looked_at],
+        views,
         config,
         candidates=candidates,
-        ground_truth=ground_truth,
-        offsets=offsets.reshape(1, v * u, 2)[:, looked_at],
+        offsets=offsets,
         dtype=jnp.dtype(dtype),
     )
     last = stages[-1]._replace(disparity=jnp.clip(stages[-1].disparity, bounds[0], bounds[1]))
     stages = (*stages[:-1], last)
-    maps = _maps(stages, occlusion_maps(views[..., None], last.disparity, offsets=offsets))
+    maps = _maps(stages)
     # The last output is the median of the one before it: no stage of its own.
     return {**maps, "stages": (*maps["stages"][:-2], last.disparity)}
 
 
-def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
+def _maps(stages: tuple[StageOutput, ...]) -> dict:
     """What an estimate has, of a network's stages."""
     disparity = stages[-1].disparity
     certainty, deviation = [], None
@@ -314,7 +325,6 @@ def _maps(stages: tuple[StageOutput, ...], occlusion: jax.Array | None) -> dict:
         "confidence": jnp.stack(certainty).min(0),
         "standard_deviation": deviation,
         "coarse": stages[0].disparity if len(stages) > 1 else None,
-        "occlusion": occlusion,
         "stages": tuple(stage.disparity for stage in stages),
     }
 

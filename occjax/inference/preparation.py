@@ -9,7 +9,7 @@ import numpy as np
 from occjax.data.views import chosen_views
 from occjax.errors import InputError
 from occjax.io import check
-from occjax.lightfield import LightField
+from occjax.lightfield import LightField, to_grey
 from occjax.models import PRESETS, NetworkConfig
 from occjax.models.config import of_kind
 from occjax.ops import view_offsets
@@ -25,14 +25,17 @@ class Ready(NamedTuple):
     """What a model is called with.
 
     Attributes:
-        arguments: Arrays; what depends on the light field.
+        arguments: Arrays; what depends on the light field. The views come first.
         searched: ``(minimum, maximum)`` disparity that is searched, pixels per view step.
         notes: Sentences the user should hear.
+        looked_at: Numbers of the views among the arguments, row by row in the light field; None if
+            they are those of a grid.
     """
 
     arguments: tuple[Any, ...]
     searched: tuple[float, float]
     notes: list[str]
+    looked_at: np.ndarray | None = None
 
 
 def for_photometric(light_field: LightField, asked: tuple[float, float] | None) -> Ready:
@@ -56,7 +59,7 @@ def for_photometric(light_field: LightField, asked: tuple[float, float] | None) 
 def for_any_views(
     light_field: LightField, asked: tuple[float, float] | None, config: NetworkConfig
 ) -> Ready:
-    """Grey views, candidates at the network's interval, no truth, offsets, views, bounds.
+    """Grey views that are looked at, candidates at the network's interval, offsets, bounds.
 
     Of a grid the network looks at the two outermost views in each of the eight directions along the
     centre view's row, column and diagonals, as in training.
@@ -90,11 +93,11 @@ def for_any_views(
     # What was asked for binds; what was found by photo-consistency may fall a little short.
     limits = (float(candidates[0]), float(candidates[-1])) if asked is None else (low, high)
     bounds = np.array(limits, np.float32)
-    return Ready(
-        (light_field.grey(), candidates.astype(np.float32), None, offsets, looked_at, bounds),
-        limits,
-        notes,
-    )
+    # Of many views most are not looked at, and making them all grey takes time.
+    images = light_field.views.reshape(-1, *light_field.views.shape[2:])[looked_at]
+    grey = np.stack([to_grey(image) for image in images])[None]
+    offsets = offsets.reshape(1, -1, 2)[:, looked_at]
+    return Ready((grey, candidates.astype(np.float32), offsets, bounds), limits, notes, looked_at)
 
 
 def for_grid(

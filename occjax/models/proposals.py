@@ -2,9 +2,9 @@
 
 All of it is computed without weights, by the steps of the photometric estimator: truncated costs
 over the best part of the aperture, semi-global aggregation, planes through Lucas-Kanade steps. The
-whole range is searched at half resolution, which takes a quarter of the time and finds as much: what
-noise and weak texture lack in sharpness they gain, and edges are decided by the choice. Away from
-depth edges the result is right, or nothing in the light field shows what is. Along an edge the
+whole range is searched at half resolution, which takes a quarter of the time and finds as much:
+noise is weaker there, and where edges lie is for the choice to say. Away from depth edges the
+result is right, or nothing in the light field shows what is. Along an edge the
 costs of a pixel are mixed with those of the other surface, and the right disparity is that of a
 pixel a few places away. So each pixel is proposed the disparities of some neighbours, and that of
 the second best surface the aggregation knows.
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Float16
 
 from occjax.models.config import DerivativeFeatures, NetworkConfig, SemiGlobalConfig, of_kind
 from occjax.ops.brightness import vignetted
@@ -91,7 +91,7 @@ class Proposals(NamedTuple):
         centre: ``[h, w]`` centre view, grey.
         disparity: ``[h, w]`` of the photometric steps.
         proposed: ``[k, h, w]`` disparities: that one first.
-        costs: ``[13, k, h, w]`` in [0, 1]: of each sector of the aperture, of all of it and of its
+        costs: ``[k, 13, h, w]`` in [0, 1]: of each sector of the aperture, of all of it and of its
             best half (grey, :func:`occjax.ops.geman_mcclure`); of the best half the mean absolute
             difference of grey, and the robust cost of its detail; the aggregated cost at that
             disparity.
@@ -102,7 +102,7 @@ class Proposals(NamedTuple):
     centre: Float[Array, "h w"]
     disparity: Float[Array, "h w"]
     proposed: Float[Array, "k h w"]
-    costs: Float[Array, "13 k h w"]
+    costs: Float16[Array, "k 13 h w"]
     spread: Float[Array, "2 h w"]
 
 
@@ -224,17 +224,17 @@ def propose(
     # Two of half precision are read in one; their steps are an eighth of those of 8-bit images.
     features = jnp.stack([grey.views, grey.detail], axis=-1).astype(jnp.float16)
 
-    def costs_of(one: Float[Array, "h w"]) -> Float[Array, "12 h w"]:
+    def costs_of(one: Float[Array, "h w"]) -> Float[Array, "13 h w"]:
         costs = refined_sector_costs(features, one[None], penalties=penalties, offsets=grey.offsets)
         robust, absolute, of_detail = (
             sector_channels(SectorCosts(sums, costs.weights)) for sums in costs.sums
         )
-        return jnp.concatenate([robust, absolute[-1:], of_detail[-1:]])[:, 0]
+        prior = _interpolated(found.aggregated, candidates, one[None]) / LARGEST_AGGREGATED
+        all_costs = jnp.concatenate([robust[:, 0], absolute[-1], of_detail[-1], prior])
+        return jnp.clip(all_costs, 0.0, 1.0).astype(jnp.float16)
 
     # One proposal at a time: a quarter of the memory, in no more time.
-    costs = jnp.moveaxis(jax.lax.map(costs_of, proposed), 0, 1)
-    prior = jnp.minimum(_interpolated(found.aggregated, candidates, proposed), LARGEST_AGGREGATED)
-    costs = jnp.concatenate([costs, prior[None] / LARGEST_AGGREGATED])
+    costs = jax.lax.map(costs_of, proposed)
     reading = confidence(found.probabilities, candidates)
     spread = jnp.stack(
         [
@@ -242,7 +242,7 @@ def propose(
             greatest_plane(found.probabilities),
         ]
     )
-    return Proposals(grey.centre, disparity, proposed, jnp.clip(costs, 0.0, 1.0), double(spread))
+    return Proposals(grey.centre, disparity, proposed, costs, double(spread))
 
 
 def _spacing(candidates: Float[Array, " d"]) -> Float[Array, ""]:

@@ -129,20 +129,19 @@ def fit_planes(
     unit = 64.0  # keeps the second moments near one
     y = (jnp.arange(h, dtype=values.dtype) - h / 2)[:, None] / unit * jnp.ones_like(values)
     x = (jnp.arange(w, dtype=values.dtype) - w / 2)[None, :] / unit * jnp.ones_like(values)
-    moments = jnp.stack(
-        [jnp.ones_like(x), x, y, x * x, x * y, y * y, values, values * x, values * y]
-    )
-    moments = moments * weights[None]
+    products = [jnp.ones_like(x), x, y, x * x, x * y, y * y, values, values * x, values * y]
+    # Rows before moments before columns, or the other way round: what a row is added to lies beside
+    # it, and between two passes there is but one copy.
+    moments = jnp.stack([product * weights for product in products], axis=1)
     along_rows, along_columns = (
         jnp.sqrt(2.0).astype(values.dtype)
         * (1 / radius + jnp.abs(jnp.diff(guides, axis=axis)).sum(0))
         for axis in (2, 1)
     )
     for pass_ in range(passes):
-        moments = _spread(moments, jnp.exp(-(2**pass_) * along_columns))
-        moments = jnp.moveaxis(
-            _spread(jnp.moveaxis(moments, 2, 1), jnp.exp(-(2**pass_) * along_rows).T), 1, 2
-        )
+        moments = _spread(moments, jnp.exp(-(2**pass_) * along_columns)).T
+        moments = _spread(moments, jnp.exp(-(2**pass_) * along_rows).T).T
+    moments = jnp.moveaxis(moments, 1, 0)
     _, x_mean, y_mean, xx, xy, yy, mean, x_value, y_value = moments / moments[:1]
     xx = jnp.maximum(xx - x_mean * x_mean, 0.0) + ridge
     yy = jnp.maximum(yy - y_mean * y_mean, 0.0) + ridge
@@ -164,17 +163,22 @@ def _running_sum(image: Array, window: int, axis: int) -> Array:
     return sum(slices, jax.lax.slice_in_dim(image, 0, size, axis=axis))
 
 
-def _spread(maps: Array, keep: Array) -> Array:
-    """Sum over each column, a value fading by ``keep`` [h - 1, w] from one row to the next."""
-    rows = jnp.moveaxis(maps, 1, 0)
+def _spread(rows: Float[Array, "h m w"], keep: Float[Array, "i w"]) -> Float[Array, "h m w"]:
+    """Sum over each column, a value fading by ``keep``, ``[h - 1, w]``, from a row to the next."""
     none = jnp.zeros_like(keep[:1])
 
-    def step(carried, here):
+    def down(carried, here):
         row, kept = here
         carried = row + kept[None] * carried
         return carried, carried
 
+    # The sum is taken within the loop: behind it, XLA would fuse it with a transposition, which
+    # then reads three arrays column by column.
+    def up(carried, here):
+        row, kept, above = here
+        carried = row + kept[None] * carried
+        return carried, above + (carried - row)
+
     start = jnp.zeros_like(rows[0])
-    down = jax.lax.scan(step, start, (rows, jnp.concatenate([none, keep])))[1]
-    up = jax.lax.scan(step, start, (rows, jnp.concatenate([keep, none])), reverse=True)[1]
-    return jnp.moveaxis(down + up - rows, 0, 1)
+    above = jax.lax.scan(down, start, (rows, jnp.concatenate([none, keep])))[1]
+    return jax.lax.scan(up, start, (rows, jnp.concatenate([keep, none]), above), reverse=True)[1]

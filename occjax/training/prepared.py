@@ -56,7 +56,7 @@ class Packed(NamedTuple):
     centre: UInt8[Array, "*b h w"]
     disparity: Float[Array, "*b h w"]
     proposed: Int16[Array, "*b k h w"]
-    costs: UInt8[Array, "*b 13 k h w"]
+    costs: UInt8[Array, "*b k 13 h w"]
     spread: Float16[Array, "*b 2 h w"]
 
 
@@ -82,7 +82,7 @@ def pack(proposals: Proposals) -> Packed:
         proposals.disparity,
         jnp.clip(jnp.rint(FINENESS * proposals.proposed), -largest, largest).astype(jnp.int16),
         # The smallest costs tell most.
-        jnp.rint(255.0 * jnp.sqrt(proposals.costs)).astype(jnp.uint8),
+        jnp.rint(255.0 * jnp.sqrt(proposals.costs.astype(jnp.float32))).astype(jnp.uint8),
         proposals.spread.astype(jnp.float16),
     )
 
@@ -93,7 +93,7 @@ def unpack(packed: Packed) -> Proposals:
         packed.centre.astype(jnp.float32) / 255.0,
         packed.disparity,
         packed.proposed.astype(jnp.float32) / FINENESS,
-        jnp.square(packed.costs.astype(jnp.float32) / 255.0),
+        jnp.square(packed.costs.astype(jnp.float32) / 255.0).astype(jnp.float16),
         packed.spread.astype(jnp.float32),
     )
 
@@ -324,12 +324,12 @@ def _moved(sample: PreparedSample, places: Places, sector_of, place_of) -> Prepa
         place_of: The place that a place becomes; doing it twice does nothing.
     """
     packed = sample.packed
-    order = np.arange(packed.costs.shape[-4])
+    order = np.arange(packed.costs.shape[-3])
     order[sector_of(np.arange(SECTORS)) % SECTORS] = np.arange(SECTORS)
     proposers = np.arange(packed.proposed.shape[-3])
     proposers[1 : 1 + len(places)] = [1 + places.index(place_of(*place)) for place in places]
     turned = packed._replace(
-        proposed=packed.proposed[proposers], costs=packed.costs[order][:, proposers]
+        proposed=packed.proposed[proposers], costs=packed.costs[proposers][:, order]
     )
     return sample._replace(packed=turned)
 

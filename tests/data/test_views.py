@@ -50,6 +50,34 @@ def test_the_star_of_nine_by_nine_views_has_the_published_number_of_views():
     assert select_views(grid(9, 9), "star").views.shape[:2] == (1, 33)
 
 
+@pytest.mark.parametrize(
+    ("size", "expected"),
+    [
+        ((1, 9), {-4, -3, 3, 4}),
+        ((1, 4), {-2, -1, 1}),
+        ((1, 2), {-1}),
+    ],
+)
+def test_of_a_row_the_outer_star_has_two_views_on_each_side(size, expected):
+    found = places(select_views(grid(*size), "outer_star"))
+    assert found == {(0, 0)} | {(0, column) for column in expected}
+
+
+def test_the_outer_star_is_the_two_outermost_rings_of_the_star():
+    found = places(select_views(grid(7, 7), "outer_star"))
+    star = places(select_views(grid(7, 7), "star"))
+    assert found == {place for place in star if max(map(abs, place)) != 1}
+    of_a_list = select_views(select_views(grid(7, 7), "star"), "outer_star")
+    assert places(of_a_list) == found
+
+
+def test_arms_of_different_length_end_where_they_end():
+    """In 3x7 views a diagonal has one view on each side, the row three."""
+    found = places(select_views(grid(3, 7), "outer_star"))
+    diagonals = {(row, column) for row in (-1, 1) for column in (-1, 0, 1)}
+    assert found == {(0, 0)} | diagonals | {(0, column) for column in (-3, -2, 2, 3)}
+
+
 def test_a_cross_is_the_row_and_the_column_of_the_centre_view():
     expected = {(0, i) for i in range(-3, 4)} | {(i, 0) for i in range(-2, 3)}
     assert places(select_views(grid(5, 7), "cross")) == expected

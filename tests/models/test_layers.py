@@ -15,8 +15,6 @@ from occjax.models.layers import (
     VolumeConv,
     convolve_images,
     depth_to_space,
-    double,
-    halve,
     space_to_depth,
 )
 from tests.reference.variables import random_variables
@@ -109,14 +107,6 @@ def test_four_pixels_become_four_groups_of_channels_and_back():
         expected = images[:, row::2, column::2]
         np.testing.assert_array_equal(blocks[..., first : first + 3], expected)
     np.testing.assert_array_equal(depth_to_space(jnp.asarray(blocks)), images)
-
-
-def test_halving_takes_means_and_doubling_repeats():
-    image = jnp.asarray(np.random.default_rng(0).random((2, 3, 4, 5)), jnp.float32)
-    np.testing.assert_allclose(halve(double(image)), image, rtol=1e-6)
-    np.testing.assert_array_equal(double(image)[:, 1::2, ::2], image)
-    blocks = image[:, :2].reshape(2, 1, 2, 2, 2, 5)
-    np.testing.assert_allclose(halve(image[:, :2]), blocks.mean((2, 4)), rtol=1e-6)
 
 
 def test_a_residual_block_adds_half_of_what_two_convolutions_make():
