@@ -83,7 +83,9 @@ def test_a_peer_trains_alike(framework, batch):
 
 
 def test_inference_in_bfloat16_is_near(problem):
-    full, half = (answer(ours.build(problem, precision=each)) for each in ("float32", "bfloat16"))
+    full = answer(ours.build(problem))
+    with jax.numpy_dtype_promotion("standard"):  # BatchNorm's statistics are float32
+        half = answer(ours.build(problem, precision="bfloat16"))
     measures = of_disparity(half, full)
     assert 1e-5 < measures["median difference"] < 0.02
     assert full.dtype == half.dtype == np.float32
