@@ -58,7 +58,7 @@ def of_disparity(answer: np.ndarray, reference: np.ndarray) -> Mapping[str, floa
     apart = np.abs(answer - reference)
     return {
         "median difference": float(np.median(apart)),
-        "largest": float(apart.max()),
+        "largest difference": float(apart.max()),
         f"above {BAD}, %": 100 * float(np.mean(apart > BAD)),
     }
 

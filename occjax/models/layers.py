@@ -125,9 +125,8 @@ def _slice_by_slice(
             gradient[2 - row : 2 - row + h, 2 - column : 2 - column + w].reshape(h * w, k)
             for row, column in np.ndindex(3, 3)
         ]
-        moved = jnp.concatenate(moved, 1)
-        product = jnp.einsum("ipc,pk->ick", slices, moved, preferred_element_type=sums)
-        return total + product, None
+        product = functools.partial(jnp.einsum, "ipc,pk->ick", preferred_element_type=sums)
+        return total + product(slices, jnp.concatenate(moved, 1)), None
 
     sums = jnp.promote_types(gradient.dtype, jnp.float32)
     start = jnp.zeros((3, c, 9 * k), sums)
