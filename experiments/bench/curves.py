@@ -10,6 +10,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from experiments.bench.candidates import Candidate
+from experiments.bench.exchange import inference_problem
 from experiments.bench.processes import Timing, take_turns
 from experiments.networks import small_form
 from occjax.models import NetworkConfig, preset
@@ -40,7 +42,8 @@ def run(output: Path | None, *, small: bool = False) -> list[Timing]:
         config, sizes, numbers, sides = small_form(config), (8, 16), (2, 3), (3, 5)
 
     def timed(config: NetworkConfig, size: int) -> Timing:
-        (timing,) = take_turns(config, size, ("occjax",), repeats=1)
+        candidates = (Candidate("occjax", "ours", "build"),)
+        (timing,) = take_turns(inference_problem(config, size), candidates, repeats=1)
         return timing
 
     size = 8 if small else SIZE

@@ -5,7 +5,8 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from experiments.bench.peers.description import Network, Stage, Variables
+from experiments.bench.peers.description import Network, Problem, Stage, Variables
+from experiments.inference_work import SCORES, random_light_field
 from occjax.errors import InputError
 from occjax.models import NetworkConfig
 from occjax.models.config import FeatureConfig, Residual, StageConfig, of_kind
@@ -96,3 +97,33 @@ def unflatten(flat: Variables, shapes: dict) -> dict:
     return jax.tree_util.tree_map_with_path(
         lambda path, _: flat["/".join(part.key for part in path[1:])], shapes
     )
+
+
+def inference_problem(config: NetworkConfig, size: int, *, scores: float = SCORES) -> Problem:
+    """A random light field and network, its disparity zero.
+
+    Args:
+        config: A cascade as :func:`describe` takes it.
+        size: Height and width of the views, in pixels.
+        scores: As for :func:`experiments.inference_work.random_light_field`.
+    """
+    variables, views = random_light_field(config, size, size, scores=scores)
+    truth = np.zeros((1, size, size), np.float32)
+    return Problem(describe(config), flatten(variables), np.asarray(views)[None], truth)
+
+
+def training_problem(config: NetworkConfig, size: int, batch: int) -> Problem:
+    """Random patches with random disparity, and a random network.
+
+    Its scores are not scaled: BatchNorm in training keeps all values to a few units.
+
+    Args:
+        config: A cascade as :func:`describe` takes it.
+        size: Height and width of the patches, in pixels.
+        batch: Their number.
+    """
+    one = inference_problem(config, size, scores=1.0)
+    generator = np.random.default_rng(1)
+    views = generator.uniform(size=(batch, *one.views.shape[1:]))
+    truth = generator.uniform(-1, 1, (batch, size, size))
+    return one._replace(views=views.astype(np.float32), truth=truth.astype(np.float32))

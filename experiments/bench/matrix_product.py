@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.bench.peers.description import Network, Variables
-
-SIDE = 4096
-FLOPS = 2 * SIDE**3
+from experiments.bench.ours import exact, peak_memory
+from experiments.bench.peers.description import Problem, Program
 
 
-def build(network: Network, variables: Variables) -> Callable[[np.ndarray], np.ndarray]:
-    """The product of two fixed matrices; network and views do not matter."""
-    matrix = jnp.full((SIDE, SIDE), 1 / SIDE)
-    product = jax.jit(jnp.matmul)
+def flops(side: int) -> int:
+    """Operations of the product of two square matrices, a multiply-add as two."""
+    return 2 * side**3
 
-    def run(views: np.ndarray) -> np.ndarray:
-        return np.asarray(product(matrix, matrix)[0, 0])
 
-    return run
+def build(problem: Problem, *, side: int, precision: str = "float32") -> Program:
+    """The product of two fixed matrices, summed in float32; the problem does not matter.
+
+    Args:
+        problem: Any.
+        side: Rows and columns of the matrices.
+        precision: Of the matrices, ``"float32"`` or ``"bfloat16"``.
+    """
+    matrix = jnp.full((side, side), 1 / side, precision)
+
+    product = jax.jit(partial(jnp.matmul, preferred_element_type=jnp.float32))
+
+    def run() -> jax.Array:
+        with exact(precision):
+            return jax.block_until_ready(product(matrix, matrix))
+
+    return Program(run, lambda result: np.asarray(result[0, 0]), peak_memory)

@@ -9,24 +9,18 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from tqdm import tqdm
 
-from experiments.bench.exchange import describe, flatten
-from experiments.bench.matrix_product import FLOPS
-from experiments.bench.peers.description import save
-from experiments.inference_work import random_light_field
+from experiments.bench.candidates import Candidate, Comparison, Device, of_disparity
+from experiments.bench.peers.description import Problem, save
 from occjax.errors import InputError
-from occjax.models import NetworkConfig
-from occjax.models.work import count_flops
 
-PRODUCT = "matrix product"
-WRITTEN = "written"
-"""The network as the paper describes it, to which all answers are compared."""
+PLATFORMS = {"cpu": "cpu", "gpu": "cuda"}
 
 
 @dataclass(frozen=True)
@@ -36,12 +30,11 @@ class Timing:
     Attributes:
         name: Of the candidate.
         size: Height and width of the views, in pixels.
-        first: Seconds of the first call, which compiles.
-        seconds: Of each later call, in the order in which the candidates took turns.
-        memory: Peak of its process in bytes, first call included.
+        first: Seconds of the first run, which compiles.
+        seconds: Of a run in each later turn, in the order in which the candidates took turns.
+        memory: Peak in bytes, first run included: of the accelerator or, without one, the process.
         flops: Operations of the network as published (or the product's), whatever were done.
-        largest: Largest difference of its disparity from that of the network as written.
-        median: Median of the same.
+        apart: How far its answer is from its reference, by the name of the measure.
     """
 
     name: str
@@ -49,9 +42,8 @@ class Timing:
     first: float
     seconds: tuple[float, ...]
     memory: int
-    flops: float
-    largest: float | None = None
-    median: float | None = None
+    flops: float | None
+    apart: dict[str, float] = field(default_factory=dict)
 
     @property
     def typical(self) -> float:
@@ -63,18 +55,18 @@ class Timing:
         return {**asdict(self), "typical": self.typical}
 
 
-class Candidate:
-    """A worker, see :mod:`experiments.bench.worker`."""
+class Worker:
+    """A candidate's process, see :mod:`experiments.bench.worker`."""
 
     def __init__(self, name: str, process: subprocess.Popen, python: str) -> None:
         self.name, self.process, self.python = name, process, python
         self.missing = self._answer().get("missing")
 
-    def run(self) -> tuple[float, int]:
-        """Seconds of one run, and the peak memory so far."""
+    def run(self, calls: int) -> tuple[list[float], int]:
+        """Seconds of each of some runs, and the peak memory so far."""
         assert self.process.stdin is not None
         try:
-            self.process.stdin.write("run\n")
+            self.process.stdin.write(f"{calls}\n")
             self.process.stdin.flush()
         except BrokenPipeError:
             pass  # what it has to say is in its answer
@@ -93,80 +85,117 @@ class Candidate:
 
 
 @contextmanager
-def started(name: str, folder: Path, python: str) -> Iterator[Candidate]:
+def started(candidate: Candidate, folder: Path, python: str, device: Device) -> Iterator[Worker]:
     """A candidate that is ready to run; it ends with the block."""
-    command = [python, "-m", "experiments.bench.worker", name, str(folder)]
-    environment = {"TF_CPP_MIN_LOG_LEVEL": "2", **os.environ, "JAX_PLATFORMS": "cpu"}
+    command = [
+        *(python, "-m", "experiments.bench.worker", candidate.name),
+        *(f"experiments.bench.{candidate.module}", candidate.function),
+        *(json.dumps(dict(candidate.options)), str(folder)),
+    ]
+    # Candidates share an accelerator: none may reserve all of its memory.
+    shares = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false", "TF_FORCE_GPU_ALLOW_GROWTH": "true"}
+    environment = {"TF_CPP_MIN_LOG_LEVEL": "2", **os.environ, **shares}
+    environment["JAX_PLATFORMS"] = PLATFORMS[device]
+    if device == "cpu":
+        environment["CUDA_VISIBLE_DEVICES"] = ""
     pipe = subprocess.PIPE
     try:
         process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment)
     except OSError as error:
         raise InputError(f"--peer-python: {python} cannot be run: {error.strerror}") from error
     try:
-        yield Candidate(name, process, python)
+        yield Worker(candidate.name, process, python)
     finally:
         process.kill()
         process.communicate()
 
 
 def take_turns(
-    config: NetworkConfig,
-    size: int,
-    names: Sequence[str],
+    problem: Problem,
+    candidates: Sequence[Candidate],
     *,
     repeats: int,
+    calls: int = 1,
+    device: Device = "cpu",
     peer_python: str = sys.executable,
+    compare: Comparison = of_disparity,
 ) -> list[Timing]:
-    """Time candidates on one light field, in turn, so that other work slows all alike.
+    """Time candidates on one problem, in turn, so that other work slows all alike.
 
     Args:
-        config: The network.
-        size: Height and width of the views, in pixels.
-        names: Of the candidates, as in :data:`experiments.bench.worker.BUILDERS`.
-        repeats: Turns after a first one, which compiles.
+        problem: What they compute.
+        candidates: Who takes part.
+        repeats: Turns after a first run of each, which compiles.
+        calls: Runs of a candidate in a turn, of which the median counts: an accelerator wakes up
+            with the first of them.
+        device: Where they run.
         peer_python: Interpreter of the peers.
+        compare: Of an answer with that of the reference.
 
     Returns:
-        One timing for each candidate, in the order of the names. With :data:`WRITTEN` among them,
-        the differences from its answer.
+        One timing for each candidate, in their order.
 
     Raises:
         InputError: If a candidate's framework is not installed or its process dies.
+        RuntimeError: If an answer is not that of its reference.
     """
-    ours = (PRODUCT, WRITTEN, "occjax")
-    with TemporaryDirectory() as place, ExitStack() as stack:
-        folder = Path(place)
-        variables, views = random_light_field(config, size, size)
-        save(folder, describe(config), flatten(variables), np.asarray(views))
-        candidates = []
-        for name in names:
-            python = sys.executable if name in ours else peer_python
-            candidate = stack.enter_context(started(name, folder, python))
-            if candidate.missing:
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        save(folder, problem)
+        workers = []
+        for candidate in candidates:
+            python = peer_python if candidate.peer else sys.executable
+            worker = stack.enter_context(started(candidate, folder, python, device))
+            if worker.missing:
                 raise InputError(
-                    f"{name}: {python} has no module {candidate.missing}; install it there, pass "
-                    f"the --peer-python that has it, or leave {name} out of --peers"
+                    f"{candidate.name}: {python} has no module {worker.missing}; install it there, "
+                    f"pass the --peer-python that has it, or leave {candidate.name} out of --peers"
                 )
-            candidates.append(candidate)
+            workers.append(worker)
+        firsts = [worker.run(1) for worker in workers]
+        apart = agreement(candidates, folder, compare)
         turns = [
-            [candidate.run() for candidate in candidates]
-            for _ in tqdm(range(1 + repeats), unit="turn", desc=f"{size} pixels", disable=None)
+            [worker.run(calls) for worker in workers]
+            for _ in tqdm(
+                range(repeats), unit="turn", desc=f"{problem.views.shape[-1]} pixels", disable=None
+            )
         ]
-        disparities = {name: np.load(folder / f"{name}.npy") for name in names}
     timings = []
-    flops = count_flops(config, (size, size))
-    for name, runs in zip(names, zip(*turns, strict=True), strict=True):
-        seconds, memory = zip(*runs, strict=True)
-        largest = median = None
-        if WRITTEN in names and name not in (PRODUCT, WRITTEN):
-            apart = np.abs(disparities[name] - disparities[WRITTEN])
-            largest, median = float(apart.max()), float(np.median(apart))
+    for index, candidate in enumerate(candidates):
+        (first,), memory = firsts[index]
+        seconds = tuple(statistics.median(turn[index][0]) for turn in turns)
+        memory = turns[-1][index][1] if turns else memory
         timings.append(
             Timing(
-                *(name, size, seconds[0], seconds[1:], memory[-1]),
-                flops=FLOPS if name == PRODUCT else flops,
-                largest=largest,
-                median=median,
+                *(candidate.name, problem.views.shape[-1], first, seconds, memory),
+                *(candidate.flops, apart[candidate.name]),
             )
         )
     return timings
+
+
+def agreement(
+    candidates: Sequence[Candidate], folder: Path, compare: Comparison
+) -> dict[str, dict[str, float]]:
+    """How far the first answers are from those of their references, by candidate and measure.
+
+    Raises:
+        RuntimeError: If one is farther than its bound.
+    """
+    answers = {
+        candidate.name: np.load(folder / f"{candidate.name}.npy") for candidate in candidates
+    }
+    found: dict[str, dict[str, float]] = {}
+    for candidate in candidates:
+        found[candidate.name] = {}
+        if candidate.reference is None:
+            continue
+        measures = dict(compare(answers[candidate.name], answers[candidate.reference]))
+        found[candidate.name] = measures
+        measure, value = next(iter(measures.items()))
+        if not value <= candidate.bound:
+            raise RuntimeError(
+                f"{candidate.name} is not {candidate.reference}: {measure} {value:.1e}, more than "
+                f"{candidate.bound:.0e}"
+            )
+    return found

@@ -1,11 +1,13 @@
 """One candidate in a process of its own, which runs it whenever its parent asks.
 
-    python -m experiments.bench.worker NAME FOLDER
+    python -m experiments.bench.worker NAME MODULE FUNCTION OPTIONS FOLDER
 
+OPTIONS is a JSON object of keyword arguments of the function, which builds the candidate, and
 FOLDER holds what :func:`experiments.bench.peers.description.save` writes. The worker answers every
-line on its standard input with a line of JSON, after one when it is ready: ``seconds`` of a run and
-the process's ``peak_memory`` in bytes so far. The first run compiles; its disparity is kept as
-``NAME.npy``. It imports only what its candidate needs.
+line on its standard input, a number of runs, with a line of JSON, after one when it is ready:
+``seconds`` of each run and the ``peak_memory`` in bytes so far, of the accelerator or, without one,
+of the process. The first run compiles; its answer is kept as ``NAME.npy``. It imports only what its
+candidate needs.
 """
 
 from __future__ import annotations
@@ -15,21 +17,11 @@ import json
 import resource
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from experiments.bench.peers.description import load
-
-BUILDERS = {
-    "occjax": ("experiments.bench.ours", "build"),
-    "written": ("experiments.bench.ours", "build_written"),
-    "matrix product": ("experiments.bench.matrix_product", "build"),
-    "torch": ("experiments.bench.peers.in_torch", "build"),
-    "tensorflow": ("experiments.bench.peers.in_tensorflow", "build"),
-}
-"""Module and function that build each candidate."""
+from experiments.bench.peers.description import Program, load
 
 
 def peak_memory() -> int:
@@ -50,26 +42,27 @@ def answer(**fields: object) -> None:
     print(json.dumps(fields), flush=True)
 
 
-def serve(name: str, folder: Path) -> None:
-    """Build a candidate, then run it once for every line of standard input."""
-    network, variables, views = load(folder)
-    module, function = BUILDERS[name]
+def serve(name: str, module: str, function: str, options: dict, folder: Path) -> None:
+    """Build a candidate, then run it so often as each line of standard input says."""
     try:
         build = getattr(importlib.import_module(module), function)
     except ModuleNotFoundError as missing:
         answer(missing=missing.name)
         return
-    run: Callable[[np.ndarray], np.ndarray] = build(network, variables)
-    answer(peak_memory=peak_memory())
+    program: Program = build(load(folder), **options)
+    answer(peak_memory=program.peak_memory() or peak_memory())
     kept = folder / f"{name}.npy"
-    for _ in sys.stdin:
-        begin = time.perf_counter()
-        disparity = run(views)
-        seconds = time.perf_counter() - begin
-        if not kept.exists():
-            np.save(kept, disparity)
-        answer(seconds=seconds, peak_memory=peak_memory())
+    for line in sys.stdin:
+        seconds = []
+        for _ in range(int(line)):
+            begin = time.perf_counter()
+            result = program.run()
+            seconds.append(time.perf_counter() - begin)
+            if not kept.exists():
+                np.save(kept, program.fetch(result))
+        answer(seconds=seconds, peak_memory=program.peak_memory() or peak_memory())
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1], Path(sys.argv[2]))
+    name, module, function, options, folder = sys.argv[1:]
+    serve(name, module, function, json.loads(options), Path(folder))

@@ -7,6 +7,7 @@ import functools
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
@@ -64,17 +65,76 @@ class VolumeConv(nn.Module):
         return convolve_volume(volume.astype(self.dtype), kernel.astype(self.dtype))
 
 
+@jax.custom_vjp
 def convolve_volume(
     volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
 ) -> Float[Array, "d h w k"]:
-    """What :class:`VolumeConv` computes, with a kernel."""
+    """What :class:`VolumeConv` computes, with a kernel, whose gradient is quick on a CPU.
 
+    That gradient is there a sum of matrix products, slice by slice of the volume; XLA, which sees a
+    convolution with a kernel as large as a slice, takes three times as long for 96 channels. Has no
+    forward-mode derivative.
+
+    Args:
+        volume: ``[d, h, w, c]``.
+        kernel: ``[3, 3, 3, c, k]``.
+
+    Returns:
+        ``[d, h, w, k]``.
+    """
+    return _convolved_volume(volume, kernel)
+
+
+def _convolved_volume(volume: Array, kernel: Array) -> Array:
     def plane(slices, depth):
         return _convolved(slices, kernel[depth])
 
     result = plane(volume, 1)
     result = result.at[1:].add(plane(volume[:-1], 0))
     return result.at[:-1].add(plane(volume[1:], 2))
+
+
+def _volume_forward(volume: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
+    return _convolved_volume(volume, kernel), (volume, kernel)
+
+
+def _volume_backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+    volume, kernel = kept
+    of_volume = jax.linear_transpose(lambda volume: _convolved_volume(volume, kernel), volume)
+
+    def at_once(volume: Array, gradient: Array) -> Array:
+        of_kernel = jax.linear_transpose(lambda kernel: _convolved_volume(volume, kernel), kernel)
+        return of_kernel(gradient)[0]
+
+    of_kernel = jax.lax.platform_dependent(volume, gradient, cpu=_slice_by_slice, default=at_once)
+    return of_volume(gradient)[0], of_kernel
+
+
+def _slice_by_slice(
+    volume: Float[Array, "d h w c"], gradient: Float[Array, "d h w k"]
+) -> Float[Array, "3 3 3 c k"]:
+    """Gradient of the kernel from that of the result."""
+    (_, h, w, c), k = volume.shape, gradient.shape[-1]
+    volume = jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0)))
+    gradient = jnp.pad(gradient, ((0, 0), (1, 1), (1, 1), (0, 0)))
+
+    def add_slice(total: Array, pair: tuple[Array, Array]):
+        depth, gradient = pair
+        slices = jax.lax.dynamic_slice_in_dim(volume, depth, 3).reshape(3, h * w, c)
+        moved = [
+            gradient[2 - row : 2 - row + h, 2 - column : 2 - column + w].reshape(h * w, k)
+            for row, column in np.ndindex(3, 3)
+        ]
+        product = functools.partial(jnp.einsum, "ipc,pk->ick", preferred_element_type=sums)
+        return total + product(slices, jnp.concatenate(moved, 1)), None
+
+    sums = jnp.promote_types(gradient.dtype, jnp.float32)
+    start = jnp.zeros((3, c, 9 * k), sums)
+    total, _ = jax.lax.scan(add_slice, start, (jnp.arange(len(gradient)), gradient))
+    return total.reshape(3, c, 3, 3, k).transpose(0, 2, 3, 1, 4).astype(volume.dtype)
+
+
+convolve_volume.defvjp(_volume_forward, _volume_backward)
 
 
 class ImageConv(nn.Module):

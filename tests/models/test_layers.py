@@ -14,6 +14,7 @@ from occjax.models.layers import (
     Residual3x3,
     VolumeConv,
     convolve_images,
+    convolve_volume,
     depth_to_space,
     space_to_depth,
 )
@@ -71,6 +72,31 @@ def test_features_of_a_view_do_not_depend_on_the_other_views():
     changed = features(variables, images.at[0].set(0.0).at[2].set(1.0))
     np.testing.assert_array_equal(together[1], changed[1])
     assert np.abs(together[0] - changed[0]).max() > 0.01
+
+
+@pytest.mark.parametrize("depth", [1, 2, 5])
+def test_the_gradient_of_a_volume_convolution_is_the_three_dimensional_one(depth, tolerance):
+    generator = np.random.default_rng(2)
+    batch, kernel, weights = (
+        jnp.asarray(generator.normal(size=shape), jnp.float32)
+        for shape in ((2, depth, 4, 5, 3), (3, 3, 3, 3, 2), (2, depth, 4, 5, 2))
+    )
+
+    def plain(batch, kernel):
+        layout = ("NDHWC", "DHWIO", "NDHWC")
+        return jax.lax.conv_general_dilated(
+            batch, kernel, (1, 1, 1), "SAME", dimension_numbers=layout
+        )
+
+    def weighted(convolve):
+        return lambda *arguments: (weights * convolve(*arguments)).sum()
+
+    ours = jax.vmap(convolve_volume, (0, None))
+    found, expected = (
+        jax.jit(jax.grad(weighted(convolve), (0, 1)))(batch, kernel) for convolve in (ours, plain)
+    )
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, **tolerance("float32"))
 
 
 @pytest.mark.parametrize("size", [1, 3])

@@ -1,10 +1,8 @@
 """The same network in other frameworks, written plainly from the paper's description.
 
 They import neither JAX nor occjax, so that each can live in an environment of its own. Every peer
-is a module with one function::
+is a module with two functions of a :class:`~experiments.bench.peers.description.Problem`::
 
-    build(network, variables) -> run(views) -> disparity
-
-of a :class:`~experiments.bench.peers.description.Network`, its variables by name (``[v, u, h, w]``
-float32 views in, ``[h, w]`` float32 out, all NumPy).
+    build(problem, **options) -> program     whose answer is the disparity [h, w]
+    train(problem, **options) -> program     a step of Adam; loss and norm of the gradient [2]
 """

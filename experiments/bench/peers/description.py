@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,15 +59,45 @@ class Network:
     stages: tuple[Stage, ...]
 
 
-def save(folder: Path, network: Network, variables: Variables, views: np.ndarray) -> None:
-    """Write all that a peer needs, for :func:`load`."""
-    (folder / "network.json").write_text(json.dumps(asdict(network)))
-    np.savez(folder / "variables.npz", **variables)
-    np.save(folder / "views.npy", views)
+class Problem(NamedTuple):
+    """What every candidate is given.
+
+    Attributes:
+        network: The network.
+        variables: Its variables.
+        views: ``[b, v, u, h, w]`` float32 grey views in [0, 1]; one light field for inference.
+        truth: ``[b, h, w]`` float32 disparity to train on.
+    """
+
+    network: Network
+    variables: Variables
+    views: np.ndarray
+    truth: np.ndarray
 
 
-def load(folder: Path) -> tuple[Network, Variables, np.ndarray]:
-    """Read network, variables and views."""
+class Program(NamedTuple):
+    """A candidate that is ready to run, its inputs where it computes.
+
+    Attributes:
+        run: Computes once, waits until it is done, and returns the framework's own answer.
+        fetch: That answer as NumPy has it, float32.
+        peak_memory: Largest memory used on an accelerator so far, in bytes; 0 without one.
+    """
+
+    run: Callable[[], Any]
+    fetch: Callable[[Any], np.ndarray] = np.asarray
+    peak_memory: Callable[[], int] = lambda: 0
+
+
+def save(folder: Path, problem: Problem) -> None:
+    """Write all that a candidate needs, for :func:`load`."""
+    (folder / "network.json").write_text(json.dumps(asdict(problem.network)))
+    np.savez(folder / "variables.npz", **problem.variables)
+    np.savez(folder / "light_fields.npz", views=problem.views, truth=problem.truth)
+
+
+def load(folder: Path) -> Problem:
+    """Read network, variables and light fields."""
     fields = json.loads((folder / "network.json").read_text())
     stages = tuple(
         Stage(**{**stage, "candidates": tuple(stage["candidates"])}) for stage in fields["stages"]
@@ -77,7 +108,8 @@ def load(folder: Path) -> tuple[Network, Variables, np.ndarray]:
     )
     with np.load(folder / "variables.npz") as file:
         variables = dict(file)
-    return network, variables, np.load(folder / "views.npy")
+    with np.load(folder / "light_fields.npz") as file:
+        return Problem(network, variables, file["views"], file["truth"])
 
 
 def octant_of_views(side: int) -> np.ndarray:

@@ -2,32 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import tensorflow as tf
 
-from experiments.bench.peers.description import Network, Stage, Variables, octant_of_views
+from experiments.bench.peers.description import (
+    Network,
+    Problem,
+    Program,
+    Stage,
+    Variables,
+    octant_of_views,
+)
 
 EPSILON = 1e-3
+MOMENTUM = 0.99
 
 
 class OccCasNet(tf.Module):
-    """The cascade. Its variables are constants, which lets the graph's optimiser fold them."""
+    """The cascade.
 
-    def __init__(self, network: Network, variables: Variables) -> None:
+    For inference its variables are constants, which lets the graph's optimiser fold them.
+    """
+
+    def __init__(self, network: Network, variables: Variables, *, training: bool = False) -> None:
         super().__init__()
-        self.network = network
-        self.values = {name: tf.constant(value) for name, value in variables.items()}
+        self.network, self.training = network, training
+        self.values = {
+            name: tf.Variable(value, trainable=name.rpartition("/")[2] not in ("mean", "var"))
+            if training
+            else tf.constant(value)
+            for name, value in variables.items()
+        }
 
-    @tf.function
-    def __call__(self, views: tf.Tensor) -> tf.Tensor:
-        """Views ``[v, u, h, w]`` to the disparity ``[h, w]`` of the last stage."""
-        side, _, height, width = views.shape
-        images = tf.reshape(views, (side**2, height, width, 1))
-        centre = images[side**2 // 2][None]
-        features = self.features(images)
-        disparity = tf.zeros((height, width))
+    def __call__(self, views: tf.Tensor) -> list[tf.Tensor]:
+        """Views ``[b, v, u, h, w]`` to the disparities ``[b, h, w]`` of all stages."""
+        batch, side, _, height, width = views.shape
+        images = tf.reshape(views, (batch, side**2, height, width, 1))
+        centre = images[:, side**2 // 2, None]
+        flat = tf.reshape(images, (batch * side**2, height, width, 1))
+        features = tf.reshape(self.features(flat), (batch, side**2, height, width, -1))
+        disparity = tf.zeros((batch, height, width))
+        disparities = []
         for index, stage in enumerate(self.network.stages):
             weights = tf.ones(())
             if stage.occlusion:
@@ -39,14 +54,15 @@ class OccCasNet(tf.Module):
                     registered = shift(features, candidate)
                 else:
                     registered = warp(features, disparity + candidate)
-                plane = tf.transpose(registered * weights, (1, 2, 0, 3))
-                planes.append(tf.reshape(plane, (height, width, -1)))
-            volume = tf.stack(planes)
-            volume = volume * self.attention(index, tf.reduce_mean(volume, (0, 1, 2)))
-            scores = self.aggregation(index, stage, volume[None])
+                plane = tf.transpose(registered * weights, (0, 2, 3, 1, 4))
+                planes.append(tf.reshape(plane, (batch, height, width, -1)))
+            volume = tf.stack(planes, 1)
+            attention = self.attention(index, tf.reduce_mean(volume, (1, 2, 3)))
+            scores = self.aggregation(index, stage, volume * attention[:, None, None, None])
             candidates = tf.constant(stage.candidates)[:, None, None]
-            disparity = disparity + tf.reduce_sum(tf.nn.softmax(scores, 0) * candidates, 0)
-        return disparity
+            disparity = disparity + tf.reduce_sum(tf.nn.softmax(scores, 1) * candidates, 1)
+            disparities.append(disparity)
+        return disparities
 
     def conv(self, name: str, x: tf.Tensor, dilation: int = 1) -> tf.Tensor:
         """Convolution of images or a volume, zero padding."""
@@ -56,10 +72,15 @@ class OccCasNet(tf.Module):
         return tf.nn.conv2d(x, kernel, 1, "SAME", dilations=dilation)
 
     def norm(self, name: str, x: tf.Tensor) -> tf.Tensor:
-        """BatchNorm by its running averages."""
+        """BatchNorm by its running averages, or by those of the batch, which they then follow."""
         mean, variance, bias, scale = (
             self.values[f"{name}/{part}"] for part in ("mean", "var", "bias", "scale")
         )
+        if self.training:
+            running = mean, variance
+            mean, variance = tf.nn.moments(x, list(range(len(x.shape) - 1)))
+            for average, value in zip(running, (mean, variance), strict=True):
+                average.assign(MOMENTUM * average + (1 - MOMENTUM) * value)
         return tf.nn.batch_normalization(x, mean, variance, bias, scale, EPSILON)
 
     def layer(self, name: str, x: tf.Tensor) -> tf.Tensor:
@@ -98,27 +119,27 @@ class OccCasNet(tf.Module):
         return self.norm(f"{name}/norm_1", self.conv(f"{name}/conv_1", x, dilation)) + shortcut
 
     def attention(self, index: int, mean: tf.Tensor) -> tf.Tensor:
-        """Means ``[v * u * c]`` over a volume to the weight of each of its channels."""
+        """Means ``[b, v * u * c]`` over a volume to the weight of each of its channels."""
 
         def dense(name: str, x: tf.Tensor) -> tf.Tensor:
             kernel, bias = (
                 self.values[f"attention_{index}/{name}/{part}"] for part in ("kernel", "bias")
             )
-            return tf.linalg.matvec(kernel, x, transpose_a=True) + bias
+            return tf.linalg.matmul(x, kernel) + bias
 
         octant = tf.sigmoid(dense("octant", tf.nn.relu(dense("hidden", mean))))
         of_view = octant_of_views(self.network.side).reshape(-1)
-        return tf.repeat(tf.gather(octant, of_view), self.network.channels)
+        return tf.repeat(tf.gather(octant, of_view, axis=1), self.network.channels, 1)
 
     def aggregation(self, index: int, stage: Stage, volume: tf.Tensor) -> tf.Tensor:
-        """Volume ``[1, d, h, w, c]`` to scores ``[d, h, w]``."""
+        """Volume ``[b, d, h, w, c]`` to scores ``[b, d, h, w]``."""
         part = f"aggregation_{index}"
         x = self.layer(f"{part}/conv_1", self.layer(f"{part}/conv_0", volume))
         for pair in range(stage.pairs):
             inner = self.layer(f"{part}/pair_{pair}_conv_0", x)
             last = f"{part}/pair_{pair}_conv_1"
             x = x + self.norm(f"{last}_norm", self.conv(last, inner))
-        return self.conv(f"{part}/score", self.layer(f"{part}/conv_2", x))[0, ..., 0]
+        return self.conv(f"{part}/score", self.layer(f"{part}/conv_2", x))[..., 0]
 
 
 def offsets(number: int) -> np.ndarray:
@@ -129,45 +150,97 @@ def offsets(number: int) -> np.ndarray:
 
 
 def shift(images: tf.Tensor, disparity: float) -> tf.Tensor:
-    """Views ``[v * u, h, w, c]`` moved as wholes, zero outside."""
-    down, right = -disparity * offsets(images.shape[0]).T
+    """Views ``[b, v * u, h, w, c]`` moved as wholes, zero outside."""
+    batch, number, height, width, channels = images.shape
+    down, right = -disparity * offsets(number).T
     zero, one = np.zeros_like(down), np.ones_like(down)
-    return tf.raw_ops.ImageProjectiveTransformV3(
-        images=images,
-        transforms=np.stack([one, zero, right, zero, one, down, zero, zero], 1),
-        output_shape=images.shape[1:3],
+    moves = np.stack([one, zero, right, zero, one, down, zero, zero], 1)
+    moved = tf.raw_ops.ImageProjectiveTransformV3(
+        images=tf.reshape(images, (batch * number, height, width, channels)),
+        transforms=np.tile(moves, (batch, 1)),
+        output_shape=(height, width),
         interpolation="BILINEAR",
         fill_mode="CONSTANT",
         fill_value=0.0,
     )
+    return tf.reshape(moved, images.shape)
 
 
 def warp(images: tf.Tensor, disparity: tf.Tensor) -> tf.Tensor:
-    """Views ``[v * u, h, w, c]`` sampled where a disparity ``[h, w]`` points; border repeated."""
-    number, height, width, channels = images.shape
+    """Views ``[b, v * u, h, w, c]`` sampled where ``[b, h, w]`` points; border repeated."""
+    batch, number, height, width, channels = images.shape
     down, right = offsets(number).T[:, :, None, None]
-    y = np.arange(height, dtype=np.float32)[:, None] - disparity * down
-    x = np.arange(width, dtype=np.float32)[None, :] - disparity * right
+    y = np.arange(height, dtype=np.float32)[:, None] - disparity[:, None] * down
+    x = np.arange(width, dtype=np.float32)[None, :] - disparity[:, None] * right
     y, x = tf.clip_by_value(y, 0, height - 1), tf.clip_by_value(x, 0, width - 1)
     row = tf.minimum(tf.cast(y, tf.int32), max(height - 2, 0))
     column = tf.minimum(tf.cast(x, tf.int32), max(width - 2, 0))
     below = (y - tf.cast(row, tf.float32))[..., None]
     beside = (x - tf.cast(column, tf.float32))[..., None]
-    flat = tf.reshape(images, (number, height * width, channels))
+    flat = tf.reshape(images, (batch, number, height * width, channels))
 
     def tap(down: int, right: int) -> tf.Tensor:
-        return tf.gather(flat, (row + down) * width + column + right, batch_dims=1)
+        return tf.gather(flat, (row + down) * width + column + right, batch_dims=2)
 
     upper = tap(0, 0) * (1 - beside) + tap(0, 1) * beside
     lower = tap(1, 0) * (1 - beside) + tap(1, 1) * beside
     return upper * (1 - below) + lower * below
 
 
-def build(network: Network, variables: Variables) -> Callable[[np.ndarray], np.ndarray]:
-    """The network with these variables, as a function of the views."""
-    module = OccCasNet(network, variables)
+def peak_memory() -> int:
+    """Largest memory of an accelerator that was in use, in bytes; 0 without one."""
+    if not tf.config.list_physical_devices("GPU"):
+        return 0
+    return tf.config.experimental.get_memory_info("GPU:0")["peak"]
 
-    def run(views: np.ndarray) -> np.ndarray:
-        return module(tf.constant(views)).numpy()
 
-    return run
+def build(problem: Problem, *, compiled: bool = True) -> Program:
+    """Inference of one light field, in float32.
+
+    Args:
+        problem: The network and the light field.
+        compiled: Whether as a graph, by ``tf.function``.
+    """
+    tf.config.experimental.enable_tensor_float_32_execution(False)  # float32 means just that
+    module = OccCasNet(problem.network, problem.variables)
+    estimate = tf.function(module) if compiled else module
+    views = tf.constant(problem.views)
+
+    def run() -> tf.Tensor:
+        return finished(estimate(views)[-1][0])
+
+    return Program(run, lambda result: result.numpy(), peak_memory)
+
+
+def train(problem: Problem, *, rate: float, compiled: bool = True) -> Program:
+    """Steps of Adam on one batch, in float32.
+
+    Args:
+        problem: The network, the light fields and their disparity.
+        rate: Of learning.
+        compiled: Whether as a graph, by ``tf.function``.
+    """
+    tf.config.experimental.enable_tensor_float_32_execution(False)
+    module = OccCasNet(problem.network, problem.variables, training=True)
+    views, truth = tf.constant(problem.views), tf.constant(problem.truth)
+    weights = module.trainable_variables
+    optimiser = tf.keras.optimizers.Adam(rate, epsilon=1e-8)
+    optimiser.build(weights)
+
+    def step(views: tf.Tensor, truth: tf.Tensor) -> tf.Tensor:
+        with tf.GradientTape() as tape:
+            loss = tf.add_n([tf.reduce_mean(tf.abs(each - truth)) for each in module(views)])
+        gradients = tape.gradient(loss, weights)
+        optimiser.apply_gradients(zip(gradients, weights, strict=True))
+        return tf.stack([loss, tf.linalg.global_norm(gradients)])
+
+    advance = tf.function(step) if compiled else step
+    return Program(
+        lambda: finished(advance(views, truth)), lambda result: result.numpy(), peak_memory
+    )
+
+
+def finished(result: tf.Tensor) -> tf.Tensor:
+    """Wait for all that was asked of the device."""
+    tf.test.experimental.sync_devices()
+    return result

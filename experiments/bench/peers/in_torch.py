@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from experiments.bench.peers.description import Network, Stage, Variables, octant_of_views
+from experiments.bench.peers.description import (
+    Network,
+    Problem,
+    Program,
+    Stage,
+    Variables,
+    octant_of_views,
+)
 
-EPSILON = 1e-3
+NORM = {"eps": 1e-3, "momentum": 0.01}
+"""Of BatchNorm: PyTorch's momentum is the weight of the new value."""
 
 
 class ResidualBlock(nn.Module):
@@ -21,12 +26,12 @@ class ResidualBlock(nn.Module):
         super().__init__()
         options = {"padding": dilation, "dilation": dilation, "bias": False}
         self.conv_0 = nn.Conv2d(width, channels, 3, **options)
-        self.norm_0 = nn.BatchNorm2d(channels, EPSILON)
+        self.norm_0 = nn.BatchNorm2d(channels, **NORM)
         self.conv_1 = nn.Conv2d(channels, channels, 3, **options)
-        self.norm_1 = nn.BatchNorm2d(channels, EPSILON)
+        self.norm_1 = nn.BatchNorm2d(channels, **NORM)
         if projected:
             self.shortcut = nn.Conv2d(width, channels, 1, bias=False)
-            self.shortcut_norm = nn.BatchNorm2d(channels, EPSILON)
+            self.shortcut_norm = nn.BatchNorm2d(channels, **NORM)
         self.projected = projected
 
     def forward(self, x: Tensor) -> Tensor:
@@ -46,7 +51,7 @@ class Features(nn.Module):
         def layer(name: str, width: int, channels: int, size: int) -> None:
             conv = nn.Conv2d(width, channels, size, padding=size // 2, bias=False)
             self.add_module(name, conv)
-            self.add_module(f"{name}_norm", nn.BatchNorm2d(channels, EPSILON))
+            self.add_module(f"{name}_norm", nn.BatchNorm2d(channels, **NORM))
 
         layer("stem_0", 1, network.stem, 3)
         layer("stem_1", network.stem, network.stem, 3)
@@ -105,14 +110,16 @@ class Attention(nn.Module):
     def __init__(self, network: Network) -> None:
         super().__init__()
         octant = octant_of_views(network.side)
+        self.channels = network.channels
         self.hidden = nn.Linear(network.side**2 * network.channels, network.attention_width)
         self.octant = nn.Linear(network.attention_width, int(octant.max()) + 1)
-        self.of_view = torch.from_numpy(octant.reshape(-1))
+        of_view = torch.from_numpy(octant.reshape(-1))
+        self.register_buffer("of_view", of_view, persistent=False)
 
     def forward(self, mean: Tensor) -> Tensor:
-        """Means ``[v * u * c]`` to ``[v * u]``."""
+        """Means ``[b, v * u * c]`` to the weight of each of these channels."""
         octant = torch.sigmoid(self.octant(functional.relu(self.hidden(mean))))
-        return octant[self.of_view]
+        return octant[:, self.of_view].repeat_interleave(self.channels, 1)
 
 
 class Aggregation(nn.Module):
@@ -125,12 +132,12 @@ class Aggregation(nn.Module):
         pairs = [f"pair_{pair}_conv_{half}" for pair in range(stage.pairs) for half in (0, 1)]
         for name in ("conv_0", "conv_1", *pairs, "conv_2"):
             self.add_module(name, nn.Conv3d(depth, width, 3, padding=1, bias=False))
-            self.add_module(f"{name}_norm", nn.BatchNorm3d(width, EPSILON))
+            self.add_module(f"{name}_norm", nn.BatchNorm3d(width, **NORM))
             depth = width
         self.score = nn.Conv3d(width, 1, 3, padding=1, bias=False)
 
     def forward(self, volume: Tensor) -> Tensor:
-        """Volume ``[1, c, d, h, w]`` to scores ``[d, h, w]``."""
+        """Volume ``[b, c, d, h, w]`` to scores ``[b, d, h, w]``."""
 
         def layer(name: str, x: Tensor) -> Tensor:
             return self.get_submodule(f"{name}_norm")(self.get_submodule(name)(x))
@@ -140,59 +147,73 @@ class Aggregation(nn.Module):
         for pair in range(self.pairs):
             inner = functional.relu(layer(f"pair_{pair}_conv_0", x))
             x = x + layer(f"pair_{pair}_conv_1", inner)
-        return self.score(functional.relu(layer("conv_2", x)))[0, 0]
+        return self.score(functional.relu(layer("conv_2", x)))[:, 0]
 
 
 class OccCasNet(nn.Module):
-    """The cascade."""
+    """The cascade.
 
-    def __init__(self, network: Network) -> None:
+    With ``half``, convolutions are computed in bfloat16, the rest and all sums in float32.
+    """
+
+    def __init__(self, network: Network, *, half: bool = False) -> None:
         super().__init__()
-        self.network = network
+        self.network, self.half = network, half
         self.features = Features(network)
         for index, stage in enumerate(network.stages):
             self.add_module(f"attention_{index}", Attention(network))
             self.add_module(f"aggregation_{index}", Aggregation(network, stage))
+            candidates = torch.tensor(stage.candidates)
+            self.register_buffer(f"candidates_{index}", candidates, persistent=False)
 
-    def forward(self, views: Tensor) -> Tensor:
-        """Views ``[v, u, h, w]`` to the disparity ``[h, w]`` of the last stage."""
-        side, _, height, width = views.shape
-        images = views.reshape(side**2, 1, height, width)
-        centre = images[side**2 // 2 : side**2 // 2 + 1]
-        features = self.features(images)
-        disparity = torch.zeros(height, width)
+    def forward(self, views: Tensor) -> list[Tensor]:
+        """Views ``[b, v, u, h, w]`` to the disparities ``[b, h, w]`` of all stages."""
+        batch, side, _, height, width = views.shape
+        images = views.reshape(batch, side**2, 1, height, width)
+        centre = images[:, side**2 // 2, None]
+        half = torch.autocast(views.device.type, torch.bfloat16, enabled=self.half)
+        with half:
+            flat = images.flatten(0, 1).to(memory_format=torch.channels_last)
+            features = self.features(flat).unflatten(0, (batch, side**2))
+        disparity = views.new_zeros(batch, height, width)
+        disparities = []
         for index, stage in enumerate(self.network.stages):
-            weights, border = torch.ones(()), "border" if index else "zeros"
+            weights, border = views.new_ones(()), "border" if index else "zeros"
             if stage.occlusion:
                 difference = (warp(images, disparity, border) - centre).abs().clamp(0, 1)
                 weights = (1 - difference) ** 2
-            candidates = torch.tensor(stage.candidates)
+            candidates = self.get_buffer(f"candidates_{index}")
             planes = [
-                (warp(features, disparity + candidate, border) * weights).flatten(0, 1)
+                (warp(features, disparity + candidate, border) * weights).to(features.dtype)
                 for candidate in candidates
             ]
-            volume = torch.stack(planes, 1)
-            attention = self.get_submodule(f"attention_{index}")(volume.mean((1, 2, 3)))
-            per_channel = attention.repeat_interleave(self.network.channels)
-            volume = (volume * per_channel[:, None, None, None])[None]
-            volume = volume.to(memory_format=torch.channels_last_3d)
-            scores = self.get_submodule(f"aggregation_{index}")(volume)
-            probabilities = torch.softmax(scores, 0)
-            disparity = disparity + (probabilities * candidates[:, None, None]).sum(0)
-        return disparity
+            volume = torch.stack([plane.flatten(1, 2) for plane in planes], 2)
+            mean = volume.mean((2, 3, 4), dtype=torch.float32)
+            attention = self.get_submodule(f"attention_{index}")(mean).to(volume.dtype)
+            volume = (volume * attention[:, :, None, None, None]).contiguous(
+                memory_format=torch.channels_last_3d
+            )
+            with half:
+                scores = self.get_submodule(f"aggregation_{index}")(volume).float()
+            probabilities = torch.softmax(scores, 1)
+            disparity = disparity + (probabilities * candidates[:, None, None]).sum(1)
+            disparities.append(disparity)
+        return disparities
 
 
 def warp(images: Tensor, disparity: Tensor, border: str) -> Tensor:
-    """Views ``[v * u, c, h, w]`` of a square grid brought into register with the centre view."""
-    number, _, height, width = images.shape
-    side = round(number**0.5)
-    offset = torch.arange(side) - side // 2
+    """Views ``[b, v * u, c, h, w]`` of a square grid in register with the centre view, float32."""
+    batch, number, _, height, width = images.shape
+    side, device = round(number**0.5), images.device
+    offset = torch.arange(side, device=device) - side // 2
     down, right = (each.reshape(-1, 1, 1) for each in torch.meshgrid(offset, offset, indexing="ij"))
-    y = torch.arange(height)[:, None] - disparity * down
-    x = torch.arange(width)[None, :] - disparity * right
+    y = torch.arange(height, device=device)[:, None] - disparity[:, None] * down
+    x = torch.arange(width, device=device)[None, :] - disparity[:, None] * right
     # To [-1, 1] from corner to corner, as grid_sample counts.
     grid = torch.stack([2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1], -1)
-    return functional.grid_sample(images, grid, "bilinear", border, align_corners=True)
+    flat = images.flatten(0, 1).float()
+    warped = functional.grid_sample(flat, grid.flatten(0, 1), "bilinear", border, True)
+    return warped.unflatten(0, (batch, number))
 
 
 def state(variables: Variables) -> dict[str, Tensor]:
@@ -208,18 +229,91 @@ def state(variables: Variables) -> dict[str, Tensor]:
     return converted
 
 
-def build(network: Network, variables: Variables) -> Callable[[np.ndarray], np.ndarray]:
-    """The network with these variables, as a function of the views."""
-    module = OccCasNet(network).eval()
-    missing, unexpected = module.load_state_dict(state(variables), strict=False)
+def load(problem: Problem, device: str, precision: str) -> OccCasNet:
+    """The network with its variables, ready for a device; kernels in channels-last layout."""
+    if device == "cuda":
+        torch.backends.cudnn.benchmark = True
+        torch.backends.cudnn.allow_tf32 = False  # float32 means just that
+    module = OccCasNet(problem.network, half=precision == "bfloat16")
+    missing, unexpected = module.load_state_dict(state(problem.variables), strict=False)
     assert not unexpected
     assert all(name.endswith("num_batches_tracked") for name in missing), missing
     for part in module.modules():
+        if isinstance(part, nn.Conv2d):
+            part.to(memory_format=torch.channels_last)
         if isinstance(part, nn.Conv3d):
             part.to(memory_format=torch.channels_last_3d)
+    return module.to(device)
+
+
+def finish(device: str) -> None:
+    """Wait for a device."""
+    if device == "cuda":
+        torch.cuda.synchronize()
+
+
+def peak_memory(device: str) -> int:
+    """Largest memory of an accelerator that was in use, in bytes."""
+    return torch.cuda.max_memory_allocated() if device == "cuda" else 0
+
+
+def build(
+    problem: Problem, *, device: str = "cpu", precision: str = "float32", compiled: bool = False
+) -> Program:
+    """Inference of one light field.
+
+    Args:
+        problem: The network and the light field.
+        device: ``"cpu"`` or ``"cuda"``.
+        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
+        compiled: Whether by ``torch.compile``.
+    """
+    module = load(problem, device, precision).eval()
+    estimate = torch.compile(module) if compiled else module
+    views = torch.from_numpy(problem.views).to(device)
 
     @torch.inference_mode()
-    def run(views: np.ndarray) -> np.ndarray:
-        return module(torch.from_numpy(views)).numpy()
+    def run() -> Tensor:
+        disparity = estimate(views)[-1][0]
+        finish(device)
+        return disparity
 
-    return run
+    return Program(run, lambda result: result.cpu().numpy(), lambda: peak_memory(device))
+
+
+def train(
+    problem: Problem,
+    *,
+    rate: float,
+    device: str = "cpu",
+    precision: str = "float32",
+    compiled: bool = False,
+) -> Program:
+    """Steps of Adam on one batch.
+
+    Args:
+        problem: The network, the light fields and their disparity.
+        rate: Of learning.
+        device: ``"cpu"`` or ``"cuda"``.
+        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
+        compiled: Whether forward and backward pass are by ``torch.compile``.
+    """
+    module = load(problem, device, precision).train()
+    views, truth = (torch.from_numpy(each).to(device) for each in (problem.views, problem.truth))
+    optimiser = torch.optim.Adam(module.parameters(), rate)
+
+    def loss_of(views: Tensor, truth: Tensor) -> Tensor:
+        return sum((disparity - truth).abs().mean() for disparity in module(views))
+
+    compute = torch.compile(loss_of) if compiled else loss_of
+
+    def run() -> Tensor:
+        optimiser.zero_grad()
+        loss = compute(views, truth)
+        loss.backward()
+        norm = nn.utils.get_total_norm([each.grad for each in module.parameters()])
+        optimiser.step()
+        finish(device)
+        return torch.stack([loss.detach(), norm])
+
+    return Program(run, lambda result: result.cpu().numpy(), lambda: peak_memory(device))
