@@ -66,7 +66,7 @@ def build_light(problem: Problem, *, precision: str = "float32") -> Program:
     variables, config = load_weights(find_weights("light"))
     v, u, h, w = problem.views.shape[1:]
     offsets = np.asarray(view_offsets(v, u)).reshape(v * u, 2)
-    seen = chosen_views(offsets, "star")
+    seen = chosen_views(offsets, "outer_star")
     views = problem.views.reshape(1, v * u, h, w)[:, seen]
 
     place = jnp.asarray(offsets[None, seen])
