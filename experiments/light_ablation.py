@@ -98,6 +98,7 @@ def seed(number: int) -> Change:
     )
 
 
+_STRAIGHT = ((-4, 0), (4, 0), (0, -4), (0, 4))
 _EVEN_LIGHT = {"shading": 0.0, "shadows": 0.0, "creases": 0.0}
 
 ROWS: Mapping[str, Change] = {
@@ -122,7 +123,10 @@ ROWS: Mapping[str, Change] = {
     "all pixels count alike": loss(settled=1.0),
     # Network
     "no plane steps before the choice": choice(plane_steps=0),
-    "four neighbours": choice(neighbours=((-3, 0), (3, 0), (0, -3), (0, 3))),
+    "four neighbours": choice(neighbours=_STRAIGHT),
+    "near neighbours": choice(
+        neighbours=(*((-3, 0), (3, 0), (0, -3), (0, 3)), *((-5, -5), (-5, 5), (5, -5), (5, 5)))
+    ),
     "a narrow choice": choice(aggregation=Choice(8, (12, 12, 16, 16))),
     "a choice that sees little around": choice(aggregation=Choice(32, (48,))),
 }
