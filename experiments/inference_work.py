@@ -33,7 +33,7 @@ from occjax.errors import InputError
 from occjax.inference.network import infer, rows_of_strip
 from occjax.models import NetworkConfig, OccCasNet, preset, variable_shapes
 from occjax.models.config import FeatureConfig, Residual, of_kind
-from occjax.models.layers import convolve_volume
+from occjax.models.volume_convolution import convolve_volume
 from occjax.models.work import count_flops
 from occjax.ops import coarse_volume, convolved_coarse_volume
 

@@ -8,7 +8,8 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from occjax.models.config import Residual
-from occjax.models.layers import VolumeConv, normalise
+from occjax.models.layers import normalise
+from occjax.models.volume_convolution import VolumeConv
 
 
 class ViewAttention(nn.Module):

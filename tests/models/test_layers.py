@@ -12,31 +12,11 @@ from occjax.models.aggregation import ViewAttention
 from occjax.models.features import FeatureNetwork, upsample
 from occjax.models.layers import (
     Residual3x3,
-    VolumeConv,
     convolve_images,
-    convolve_volume,
     depth_to_space,
     space_to_depth,
 )
 from tests.reference.variables import random_variables
-
-
-def convolve_by_loops(volume, kernel):
-    padded = np.pad(volume, ((1, 1), (1, 1), (1, 1), (0, 0)))
-    d, h, w, _ = volume.shape
-    result = np.zeros((d, h, w, kernel.shape[-1]))
-    for i, j, k in np.ndindex(3, 3, 3):
-        result += padded[i : i + d, j : j + h, k : k + w] @ kernel[i, j, k]
-    return result
-
-
-@pytest.mark.parametrize("depth", [1, 2, 5])
-def test_volume_convolution_is_the_three_dimensional_one(depth, tolerance):
-    generator = np.random.default_rng(0)
-    volume = generator.normal(size=(depth, 4, 5, 3)).astype(np.float32)
-    kernel = generator.normal(size=(3, 3, 3, 3, 2)).astype(np.float32)
-    result = VolumeConv(2).apply({"params": {"kernel": jnp.asarray(kernel)}}, jnp.asarray(volume))
-    np.testing.assert_allclose(result, convolve_by_loops(volume, kernel), **tolerance("float32"))
 
 
 def test_upsampling_keeps_the_corners_and_is_linear_between_them():
@@ -72,31 +52,6 @@ def test_features_of_a_view_do_not_depend_on_the_other_views():
     changed = features(variables, images.at[0].set(0.0).at[2].set(1.0))
     np.testing.assert_array_equal(together[1], changed[1])
     assert np.abs(together[0] - changed[0]).max() > 0.01
-
-
-@pytest.mark.parametrize("depth", [1, 2, 5])
-def test_the_gradient_of_a_volume_convolution_is_the_three_dimensional_one(depth, tolerance):
-    generator = np.random.default_rng(2)
-    batch, kernel, weights = (
-        jnp.asarray(generator.normal(size=shape), jnp.float32)
-        for shape in ((2, depth, 4, 5, 3), (3, 3, 3, 3, 2), (2, depth, 4, 5, 2))
-    )
-
-    def plain(batch, kernel):
-        layout = ("NDHWC", "DHWIO", "NDHWC")
-        return jax.lax.conv_general_dilated(
-            batch, kernel, (1, 1, 1), "SAME", dimension_numbers=layout
-        )
-
-    def weighted(convolve):
-        return lambda *arguments: (weights * convolve(*arguments)).sum()
-
-    ours = jax.vmap(convolve_volume, (0, None))
-    found, expected = (
-        jax.jit(jax.grad(weighted(convolve), (0, 1)))(batch, kernel) for convolve in (ours, plain)
-    )
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, **tolerance("float32"))
 
 
 @pytest.mark.parametrize("size", [1, 3])

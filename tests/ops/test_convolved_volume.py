@@ -9,7 +9,7 @@ import pytest
 
 from occjax import ops
 from occjax.errors import InputError
-from occjax.models.layers import convolve_volume
+from occjax.models.volume_convolution import convolve_volume
 from tests.reference import ops as reference
 from tests.reference.network import convolve
 

@@ -1,0 +1,77 @@
+"""The convolution of volumes against loops, its gradients against XLA's 3-D convolution."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.models.volume_convolution import WIDE, VolumeConv, convolve_volume
+
+
+def convolve_by_loops(volume, kernel):
+    padded = np.pad(volume, ((1, 1), (1, 1), (1, 1), (0, 0)))
+    d, h, w, _ = volume.shape
+    result = np.zeros((d, h, w, kernel.shape[-1]))
+    for i, j, k in np.ndindex(3, 3, 3):
+        result += padded[i : i + d, j : j + h, k : k + w] @ kernel[i, j, k]
+    return result
+
+
+@pytest.mark.parametrize("depth", [1, 2, 5])
+def test_volume_convolution_is_the_three_dimensional_one(depth, tolerance):
+    generator = np.random.default_rng(0)
+    volume = generator.normal(size=(depth, 4, 5, 3)).astype(np.float32)
+    kernel = generator.normal(size=(3, 3, 3, 3, 2)).astype(np.float32)
+    result = VolumeConv(2).apply({"params": {"kernel": jnp.asarray(kernel)}}, jnp.asarray(volume))
+    np.testing.assert_allclose(result, convolve_by_loops(volume, kernel), **tolerance("float32"))
+
+
+def in_three_dimensions(volumes, kernel):
+    """Of a batch of volumes, by XLA."""
+    layout = ("NDHWC", "DHWIO", "NDHWC")
+    return jax.lax.conv_general_dilated(
+        volumes, kernel, (1, 1, 1), "SAME", dimension_numbers=layout
+    )
+
+
+def draw(*shapes):
+    generator = np.random.default_rng(2)
+    return [jnp.asarray(generator.normal(size=shape), jnp.float32) for shape in shapes]
+
+
+@pytest.mark.parametrize("channels", [(3, 2), (WIDE, 1), (WIDE, WIDE + 1)])
+@pytest.mark.parametrize("size", [(1, 4, 5), (2, 3, 4), (5, 6, 3)])
+def test_value_and_gradients_are_those_in_three_dimensions(size, channels, tolerance):
+    volumes, kernel, weights = draw(
+        (2, *size, channels[0]), (3, 3, 3, *channels), (2, *size, channels[1])
+    )
+    kernel = kernel / channels[0]
+
+    def weighted(convolve):
+        def total(volumes, kernel):
+            result = convolve(volumes, kernel)
+            return (weights * result).sum(), result
+
+        return jax.jit(jax.value_and_grad(total, (0, 1), has_aux=True))
+
+    batch = jax.vmap(convolve_volume, (0, None))
+    ((_, value), gradients), ((_, expected), exact) = (
+        weighted(convolve)(volumes, kernel) for convolve in (batch, in_three_dimensions)
+    )
+    for one, other in zip((value, *gradients), (expected, *exact), strict=True):
+        scale = float(jnp.abs(other).max())
+        np.testing.assert_allclose(one / scale, other / scale, **tolerance("float32"))
+
+
+def test_gradients_of_half_precision_are_summed_in_single():
+    volume, kernel, weights = draw((40, 8, 8, 2), (3, 3, 3, 2, 2), (40, 8, 8, 2))
+    half = [each.astype(jnp.bfloat16) for each in (volume, kernel, weights)]
+
+    def gradient(volume, kernel, weights):
+        return jax.vjp(lambda kernel: convolve_volume(volume, kernel), kernel)[1](weights)[0]
+
+    found = jax.jit(gradient)(*half)
+    exact = jax.jit(gradient)(*(each.astype(jnp.float32) for each in half))
+    assert found.dtype == jnp.bfloat16
+    # Sums of 2560 terms in bfloat16 would be off by more than the last rounding.
+    np.testing.assert_allclose(np.float32(found), exact, rtol=2**-8)
