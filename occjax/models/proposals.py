@@ -46,8 +46,8 @@ PLANE_RADIUS = 12.0
 DARKNESS = 0.01
 """Grey up to which the sides of the centre view count as vignetted."""
 
-SLOPE_STEP = 2
-"""Pixels over which the slope of a surface is taken."""
+SLOPE_STEP = 8
+"""Pixels over which the slope of a surface is taken, about as far as it is continued."""
 
 LARGEST_AGGREGATED = 2.0
 """Aggregated cost above that of the best candidate from which on more makes no difference."""
@@ -264,6 +264,11 @@ def _continued(
         rise, further = (disparity - before) / SLOPE_STEP, (after - disparity) / SLOPE_STEP
         smaller = jnp.sign(rise) * jnp.minimum(jnp.abs(rise), jnp.abs(further))
         slope = jnp.where(rise * further > 0.0, smaller, 0.0)
+        # Beside the image's border there is but one side.
+        size = disparity.shape[axis]
+        at = jnp.expand_dims(jnp.arange(size), 1 - axis)
+        slope = jnp.where(at >= size - SLOPE_STEP, rise, slope)
+        slope = jnp.where(at < SLOPE_STEP, further, slope)
         way = jnp.array([place[axis] for place in places], disparity.dtype)
         continued = continued - way[:, None, None] * neighbours(slope, places)
     return continued

@@ -195,17 +195,29 @@ def test_on_one_surface_all_neighbours_propose_the_same():
 
 def test_neighbours_continue_their_surface_up_to_the_edge_and_beyond():
     """Two slanted planes that meet in a jump: each proposes itself on the other side too."""
-    y, x = np.mgrid[:20, :24].astype(np.float32)
+    y, x = np.mgrid[:20, :48].astype(np.float32)
     left, right = 0.5 + 0.02 * y - 0.05 * x, -1.0 - 0.03 * y - 0.04 * x
-    disparity = jnp.asarray(np.where(x < 12, left, right))
+    disparity = jnp.asarray(np.where(x < 24, left, right))
     right_of_it, left_of_it = proposals_module._continued(disparity, ((0, 3), (0, -3)))
     # Pixels at the jump see the jump on one side, their own slope on the other.
-    inner = np.s_[4:-4, 9:12]
+    inner = np.s_[:, 21:24]
     np.testing.assert_allclose(right_of_it[inner], right[inner], atol=1e-5)
-    inner = np.s_[4:-4, 12:15]
+    inner = np.s_[:, 24:27]
     np.testing.assert_allclose(left_of_it[inner], left[inner], atol=1e-5)
-    lone = jnp.zeros((9, 9)).at[4, 4].set(1.0)  # higher than all around it: no slope
-    np.testing.assert_array_equal(proposals_module._continued(lone, ((0, 3),))[0][:, 1], lone[:, 4])
+    lone = jnp.zeros((33, 33)).at[16, 16].set(1.0)  # higher than all around it: no slope
+    of_it = proposals_module._continued(lone, ((0, 3),))[0]
+    np.testing.assert_array_equal(of_it[:, 13], lone[:, 16])
+
+
+def test_beside_the_border_a_surface_is_continued_too():
+    y, x = np.mgrid[:24, :32].astype(np.float32)
+    plane = 0.5 + 0.02 * y - 0.05 * x
+    places = ((0, 4), (0, -4), (4, 0), (-10, 10))
+    continued = np.asarray(proposals_module._continued(jnp.asarray(plane), places))
+    for found, (down, right) in zip(continued, places, strict=True):
+        # A neighbour beyond the border is the nearest pixel within.
+        inner = np.s_[max(-down, 0) : 24 - max(down, 0), max(-right, 0) : 32 - max(right, 0)]
+        np.testing.assert_allclose(found[inner], plane[inner], atol=1e-5)
 
 
 def test_the_second_proposal_is_the_cheapest_far_from_the_first():
@@ -219,10 +231,11 @@ def test_the_second_proposal_is_the_cheapest_far_from_the_first():
 def test_aggregated_costs_are_read_between_candidates():
     candidates = jnp.linspace(-1.0, 1.0, 5)
     volume = jnp.asarray(np.random.default_rng(0).random((5, 3, 4)), jnp.float32)
-    places = jnp.asarray(np.random.default_rng(1).uniform(-1.3, 1.3, (2, 3, 4)), jnp.float32)
+    places = jnp.asarray(np.random.default_rng(1).uniform(-1.3, 1.3, (2, 6, 8)), jnp.float32)
     found = proposals_module._interpolated(volume, candidates, places)
-    for k, row, column in np.ndindex(2, 3, 4):
-        expected = np.interp(places[k, row, column], candidates, volume[:, row, column])
+    for k, row, column in np.ndindex(2, 6, 8):
+        of_block = volume[:, row // 2, column // 2]
+        expected = np.interp(places[k, row, column], candidates, of_block)
         np.testing.assert_allclose(found[k, row, column], expected, atol=1e-5)
 
 
