@@ -8,7 +8,7 @@
     python -m experiments.bench --curves --output experiments/bench
     python -m experiments.bench --small --peers                       (a minute, for the test)
 
-Cost: on two cores half an hour, ``--train`` and the curves likewise; on a GPU minutes, most of them
+Cost: on two cores half an hour, ``--train`` and the curves less; on a GPU minutes, most of them
 to compile. Expected: occjax takes no longer than the fastest peer. On an H100 in bfloat16:
 inference of 256 pixels 40 ms and of 512 pixels 170 ms at most, half of the matrix product's speed
 and no more than 8 GB; the light network 10 ms at 512 pixels; a step of training 45 % of the
