@@ -79,7 +79,8 @@ class Worker:
         if not line:
             raise InputError(
                 f"{self.name} stopped with exit code {self.process.wait()} ({self.python}), as for "
-                "lack of memory; pass smaller --sizes, or leave it out of --peers"
+                "lack of memory or, with --device gpu, of a GPU that its framework can use; pass "
+                "smaller --sizes, or leave it out of --peers"
             )
         return json.loads(line)
 

@@ -178,11 +178,16 @@ class Estimator:
         begin = time.perf_counter()
         result = jax.tree.map(np.asarray, jax.block_until_ready(compiled(*arguments)))
         seconds["run"] = time.perf_counter() - begin
-        maps, disparity = result.pop("occlusion", None), result["disparity"]
-        on_a_grid = isinstance(self.config, NetworkConfig) and self.config.views is not None
+        # Not by lambdas: an estimate can be pickled.
+        find_occlusion: Callable[[], np.ndarray] | None
+        if "occlusion" in result:
+            maps = result.pop("occlusion")
+            find_occlusion = None if maps is None else functools.partial(np.asarray, maps)
+        else:
+            find_occlusion = functools.partial(_occlusion, light_field, result["disparity"])
         return Estimate(
             **result,
-            find_occlusion=lambda: maps if on_a_grid else _occlusion(light_field, disparity),
+            find_occlusion=find_occlusion,
             disparity_range=ready.searched,
             model=self.model,
             weights=self.weights,

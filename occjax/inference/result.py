@@ -28,7 +28,7 @@ class Estimate:
         notes: Sentences the user should hear (cropped grid, assumed units, chosen range).
         seconds: Wall-clock seconds of each phase, e.g. ``{"compile": 3.1, "run": 0.4}``.
         stages: ``[H, W]`` float32 disparity after each stage, in order; the last is ``disparity``.
-        find_occlusion: What :attr:`occlusion` is computed by.
+        find_occlusion: What :attr:`occlusion` is computed by, if there is anything to compute.
     """
 
     disparity: np.ndarray
@@ -41,7 +41,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     stages: tuple[np.ndarray, ...] = ()
-    find_occlusion: Callable[[], np.ndarray | None] = field(default=lambda: None, repr=False)
+    find_occlusion: Callable[[], np.ndarray] | None = field(default=None, repr=False)
 
     @functools.cached_property
     def occlusion(self) -> np.ndarray | None:
@@ -50,4 +50,4 @@ class Estimate:
         0 where the view sees what the centre view sees, towards 1 where it is occluded; None for a
         network without occlusion. All views are warped when this is first asked for.
         """
-        return self.find_occlusion()
+        return None if self.find_occlusion is None else self.find_occlusion()

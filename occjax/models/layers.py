@@ -10,6 +10,8 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from occjax.ops.plain_convolution import plain_convolution
+
 BATCH_AXIS = "batch"
 """Name of the vmapped axis over which BatchNorm synchronises its statistics while training."""
 
@@ -97,12 +99,6 @@ def convolve_images(
         ``[n, h, w, k]``.
     """
     return plain_convolution(images, kernel)
-
-
-def plain_convolution(images: Array, kernel: Array) -> Array:
-    """What :func:`convolve_images` computes, by XLA and with XLA's gradients."""
-    layout = ("NHWC", "HWIO", "NHWC")
-    return jax.lax.conv_general_dilated(images, kernel, (1, 1), "SAME", dimension_numbers=layout)
 
 
 def _convolve_forward(images: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:

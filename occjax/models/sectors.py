@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from occjax.models.choice import ProposalChoice
 from occjax.models.config import Choice, NetworkConfig, of_kind
-from occjax.models.proposals import GreyViews, Proposals, propose, refine, search
+from occjax.models.proposals import GreyViews, Proposals, Search, propose, refine, search
 from occjax.models.stages import StageOutput, stage_output
 from occjax.ops.brightness import WHITE, white_level
 from occjax.ops.refinement import median_filter
@@ -58,10 +58,8 @@ class SectorCascade(nn.Module):
         """
         height, width = views.shape[2:]
         grey, candidates, scale = self._scaled(views, offsets, candidates, self.config.multiple)
-        found = search(grey, candidates, self.config)
+        found, proposals = self._proposed(grey, candidates)
         first = StageOutput(double(found.disparity), double(found.probabilities), candidates)
-        disparity = refine(grey, found, candidates, self.config)
-        proposals = propose(grey, found, disparity, candidates, self.config)
         chosen = self.choose(proposals)
         from_first = proposals.proposed - first.disparity[None]
         outputs = [first, chosen._replace(candidates=from_first)]
@@ -81,9 +79,7 @@ class SectorCascade(nn.Module):
         """
         height, width = views.shape[2:]
         grey, candidates, _ = self._scaled(views, offsets, None, multiple=2)
-        found = search(grey, candidates, self.config)
-        disparity = refine(grey, found, candidates, self.config)
-        proposals = propose(grey, found, disparity, candidates, self.config)
+        _, proposals = self._proposed(grey, candidates)
         return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
 
     def choose(self, proposals: Proposals) -> StageOutput:
@@ -98,6 +94,12 @@ class SectorCascade(nn.Module):
         relative = proposals.proposed - proposals.disparity[None]
         window = self.config.stages[1].window
         return stage_output(self.choice(proposals), relative, proposals.disparity, window=window)
+
+    def _proposed(self, grey: GreyViews, candidates: Array) -> tuple[Search, Proposals]:
+        """What the search found, and what is proposed after the planes."""
+        found = search(grey, candidates, self.config)
+        disparity = refine(grey, found, candidates, self.config)
+        return found, propose(grey, found, disparity, candidates, self.config)
 
     def _scaled(self, views, offsets, candidates, multiple) -> tuple[GreyViews, Array, Array]:
         """Padded views at their white, offsets within the network's reach, candidates, the scale.

@@ -21,8 +21,8 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.models.layers import plain_convolution
 from occjax.ops.minimal_filtering import ROWS, convolve_rows, row_kernels, rows_between_zeros
+from occjax.ops.plain_convolution import plain_convolution
 
 WIDE = 16
 """Channels from which on minimal filtering is worth combining rows."""
@@ -67,6 +67,13 @@ def convolve_volume(
     Returns:
         ``[d, h, w, k]``.
     """
+    return _plain(volume, kernel)
+
+
+def _plain(
+    volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
+) -> Float[Array, "d h w k"]:
+    """The same with XLA's derivatives."""
 
     def plane(slices, depth):
         return plain_convolution(slices, kernel[depth])
@@ -74,10 +81,6 @@ def convolve_volume(
     result = plane(volume, 1)
     result = result.at[1:].add(plane(volume[:-1], 0))
     return result.at[:-1].add(plane(volume[1:], 2))
-
-
-_PLAIN = convolve_volume.fun
-"""The same with XLA's derivatives."""
 
 
 def _forward(volume: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -89,7 +92,7 @@ def _backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]
     turned = jnp.flip(kernel, (0, 1, 2)).swapaxes(3, 4)
 
     def at_once(volume: Array, gradient: Array) -> Array:
-        return jax.linear_transpose(partial(_PLAIN, volume), kernel)(gradient)[0]
+        return jax.linear_transpose(partial(_plain, volume), kernel)(gradient)[0]
 
     of_kernel = jax.lax.platform_dependent(volume, gradient, cpu=_slice_by_slice, default=at_once)
     return _filtered(gradient, turned), of_kernel
@@ -104,7 +107,7 @@ def _filtered(
     """The convolution, on a CPU with half of the multiplications if there are many."""
     narrow = min(kernel.shape[3:]) < WIDE or volume.shape[1] < ROWS
     if narrow or volume.dtype != jnp.float32:
-        return _PLAIN(volume, kernel)
+        return _plain(volume, kernel)
 
     def in_rows(volume: Array, kernel: Array) -> Array:
         rows = jnp.pad(jnp.moveaxis(volume, 1, 0), ((1, 1), (0, 0), (0, 0), (0, 0)))
@@ -112,7 +115,7 @@ def _filtered(
         result = convolve_rows(read, volume.shape[1], row_kernels(kernel), lambda rows, _: rows)
         return jnp.moveaxis(result[1:-1], 0, 1)
 
-    return jax.lax.platform_dependent(volume, kernel, cpu=in_rows, default=_PLAIN)
+    return jax.lax.platform_dependent(volume, kernel, cpu=in_rows, default=_plain)
 
 
 def _slice_by_slice(

@@ -23,6 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from occjax.ops.plain_convolution import plain_convolution
+
 ROWS = 4
 """Rows of the result that are computed together."""
 
@@ -81,7 +83,7 @@ def convolve_rows(
     def four_rows(start):
         rows = read(start - 1)
         products = [
-            _convolve(_combined(factors, rows), kernel)
+            plain_convolution(_combined(factors, rows)[None], kernel)[0]
             for factors, kernel in zip(_OF_INPUT, kernels, strict=True)
         ]
         results = [_combined(factors, products) for factors in _OF_PRODUCTS]
@@ -110,10 +112,3 @@ def _combined(factors: np.ndarray, arrays) -> Array:
     return sum(
         float(factor) * array for factor, array in zip(factors, arrays, strict=True) if factor
     )
-
-
-def _convolve(plane: Float[Array, "d w c"], kernel: Float[Array, "3 3 c k"]) -> Array:
-    layout = ("NHWC", "HWIO", "NHWC")
-    return jax.lax.conv_general_dilated(
-        plane[None], kernel, (1, 1), "SAME", dimension_numbers=layout
-    )[0]

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import pickle
 
 import jax
 import jax.export
@@ -66,6 +67,15 @@ def package(tmp_path, monkeypatch):
 
 def interior_error(result, light_field):
     return np.abs(result.disparity - light_field.ground_truth)[6:-6, 6:-6]
+
+
+def test_an_estimate_can_be_pickled_before_and_after_its_occlusion_is_known(photometric):
+    result = photometric(plane(slope=(0.01, -0.005)), disparity_range=(-1.0, 2.0))
+    before = pickle.loads(pickle.dumps(result))
+    np.testing.assert_array_equal(before.occlusion, result.occlusion)
+    after = pickle.loads(pickle.dumps(result))
+    np.testing.assert_array_equal(after.occlusion, result.occlusion)
+    np.testing.assert_array_equal(after.disparity, result.disparity)
 
 
 def test_a_slanted_plane_is_recovered(photometric):

@@ -61,7 +61,7 @@ def test_a_calibrated_scene_with_truth_gets_every_file(tmp_path):
 
 
 def test_without_calibration_and_truth_it_says_so_and_leaves_files_out(tmp_path):
-    outputs = write_outputs(estimate(find_occlusion=lambda: None), light_field(), tmp_path / "ramp")
+    outputs = write_outputs(estimate(find_occlusion=None), light_field(), tmp_path / "ramp")
     names = {path.name for path in outputs.paths}
     assert names.isdisjoint({"depth.npy", "error.png", "occlusion.png"})
     assert {"points.ply", "comparison.png"} <= names
@@ -131,7 +131,7 @@ def test_results_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     folder = tmp_path / "ramp"
     write_outputs(estimate(), light_field(calibration=CALIBRATION, ground_truth=TRUTH), folder)
     (folder / "mine.png").write_text("mine")
-    outputs = write_outputs(estimate(find_occlusion=lambda: None), light_field(), folder)
+    outputs = write_outputs(estimate(find_occlusion=None), light_field(), folder)
     assert set(folder.iterdir()) == {*outputs.paths, folder / "mine.png"}
     names = {path.name for path in outputs.paths}
     assert names.isdisjoint({"depth.npy", "error.png", "occlusion.png"})
@@ -205,7 +205,7 @@ def test_points_have_the_colours_of_the_centre_view(tmp_path, channels, dtype):
     views = np.zeros((1, 3, 4, 4, channels), dtype)
     views[0, 1] = 1.0 if dtype == np.float32 else np.iinfo(dtype).max
     flat = np.zeros((4, 4), np.float32)
-    given = estimate(disparity=flat, confidence=flat + 1.0, find_occlusion=lambda: None)
+    given = estimate(disparity=flat, confidence=flat + 1.0, find_occlusion=None)
     write_outputs(given, LightField(views=views), tmp_path / "scene")
     body = (tmp_path / "scene/points.ply").read_bytes().split(b"end_header\n", 1)[1]
     assert np.frombuffer(body, np.uint8).reshape(16, 15)[:, 12:].tolist() == [[255] * 3] * 16
@@ -213,7 +213,7 @@ def test_points_have_the_colours_of_the_centre_view(tmp_path, channels, dtype):
 
 def test_small_images_and_empty_truth_are_told(tmp_path):
     flat = np.zeros((8, 8), np.float32)
-    given = estimate(disparity=flat, confidence=flat, find_occlusion=lambda: None)
+    given = estimate(disparity=flat, confidence=flat, find_occlusion=None)
     views = np.zeros((3, 3, 8, 8, 3), np.uint8)
     small = write_outputs(given, LightField(views=views, ground_truth=flat), tmp_path / "small")
     assert small.metrics.border == 0
