@@ -71,7 +71,10 @@ class Aggregation(nn.Module):
             return VolumeConv(self.config.width, dtype=self.dtype, name=name)(x)
 
         def norm(x, name):
-            return normalise(train=train, dtype=self.dtype, name=f"{name}_norm")(x)
+            # On a CPU XLA sums over three axes of some lengths ten times as slowly as over two.
+            flat = x.reshape(-1, *x.shape[2:])
+            flat = normalise(train=train, dtype=self.dtype, name=f"{name}_norm")(flat)
+            return flat.reshape(x.shape)
 
         def conv_norm(x, name):
             return norm(conv(x, name), name)

@@ -5,8 +5,9 @@ fast there as XLA's 3-D convolution. While training on a CPU, two more things co
 are left to XLA.
 
 * The gradient of the kernel is a convolution with a kernel as large as a slice, for which XLA takes
-  four times as long as for the layer itself. Here it is a sum of matrix products, slice by slice.
-* The layer itself and the gradient of the volume, a convolution as well, have half of the
+  four times as long as for the layer itself. Here it is a sum of matrix products, see
+  :func:`occjax.ops.convolution.kernel_gradient`.
+* It, the layer itself and the gradient of the volume, a convolution as well, have half of the
   multiplications, see :mod:`occjax.ops.minimal_filtering`.
 """
 
@@ -17,12 +18,17 @@ from functools import partial
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.ops.minimal_filtering import ROWS, convolve_rows, row_kernels, rows_between_zeros
-from occjax.ops.plain_convolution import plain_convolution
+from occjax.ops.convolution import kernel_gradient, plain_convolution
+from occjax.ops.minimal_filtering import (
+    ROWS,
+    convolve_rows,
+    kernel_gradient_of_rows,
+    row_kernels,
+    rows_between_zeros,
+)
 
 WIDE = 16
 """Channels from which on minimal filtering is worth combining rows."""
@@ -94,7 +100,8 @@ def _backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]
     def at_once(volume: Array, gradient: Array) -> Array:
         return jax.linear_transpose(partial(_plain, volume), kernel)(gradient)[0]
 
-    of_kernel = jax.lax.platform_dependent(volume, gradient, cpu=_slice_by_slice, default=at_once)
+    products = partial(_as_products, filtered=_is_filtered(volume, kernel))
+    of_kernel = jax.lax.platform_dependent(volume, gradient, cpu=products, default=at_once)
     return _filtered(gradient, turned), of_kernel
 
 
@@ -105,8 +112,7 @@ def _filtered(
     volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
 ) -> Float[Array, "d h w k"]:
     """The convolution, on a CPU with half of the multiplications if there are many."""
-    narrow = min(kernel.shape[3:]) < WIDE or volume.shape[1] < ROWS
-    if narrow or volume.dtype != jnp.float32:
+    if not _is_filtered(volume, kernel):
         return _plain(volume, kernel)
 
     def in_rows(volume: Array, kernel: Array) -> Array:
@@ -118,25 +124,27 @@ def _filtered(
     return jax.lax.platform_dependent(volume, kernel, cpu=in_rows, default=_plain)
 
 
-def _slice_by_slice(
-    volume: Float[Array, "d h w c"], gradient: Float[Array, "d h w k"]
+def _is_filtered(volume: Array, kernel: Array) -> bool:
+    wide = min(kernel.shape[3:]) >= WIDE and volume.shape[1] >= ROWS
+    return wide and volume.dtype == jnp.float32
+
+
+def _as_products(
+    volume: Float[Array, "d h w c"], gradient: Float[Array, "d h w k"], *, filtered: bool
 ) -> Float[Array, "3 3 3 c k"]:
     """Gradient of the kernel from that of the result."""
-    (_, h, w, c), k = volume.shape, gradient.shape[-1]
+    if filtered:
+        return kernel_gradient_of_rows(jnp.moveaxis(volume, 1, 0), jnp.moveaxis(gradient, 1, 0))
     volume = jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0)))
-    gradient = jnp.pad(gradient, ((0, 0), (1, 1), (1, 1), (0, 0)))
-    sums = jnp.float64 if gradient.dtype == jnp.float64 else jnp.float32
-    product = partial(jnp.einsum, "ipc,pk->ick", preferred_element_type=sums)
+
+    def of_slice(depth: Array, gradient: Array) -> Array:
+        slices = jax.lax.dynamic_slice_in_dim(volume, depth, 3)
+        return jnp.stack([kernel_gradient(each, gradient, (3, 3)) for each in slices])
 
     def add_slice(total: Array, pair: tuple[Array, Array]):
-        depth, gradient = pair
-        slices = jax.lax.dynamic_slice_in_dim(volume, depth, 3).reshape(3, h * w, c)
-        moved = [
-            gradient[2 - row : 2 - row + h, 2 - column : 2 - column + w].reshape(h * w, k)
-            for row, column in np.ndindex(3, 3)
-        ]
-        return total + product(slices, jnp.concatenate(moved, 1)), None
+        return total + of_slice(*pair), None
 
-    start = jnp.zeros((3, c, 9 * k), sums)
-    total, _ = jax.lax.scan(add_slice, start, (jnp.arange(len(gradient)), gradient))
-    return total.reshape(3, c, 3, 3, k).transpose(0, 2, 3, 1, 4).astype(volume.dtype)
+    pairs = jnp.arange(len(gradient)), gradient
+    start = jax.eval_shape(of_slice, *(each[0] for each in pairs))
+    total, _ = jax.lax.scan(add_slice, jnp.zeros_like(start), pairs)
+    return total.astype(volume.dtype)

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from occjax.ops.plain_convolution import plain_convolution
+from occjax.ops.convolution import kernel_gradient, plain_convolution
 
 ROWS = 4
 """Rows of the result that are computed together."""
@@ -99,6 +99,40 @@ def convolve_rows(
     zero = jnp.minimum(jnp.abs(jnp.nan_to_num(value)), 0.0).astype(rows.dtype)
     result = jnp.full((height + 2, *rows.shape[1:]), zero)
     return jax.lax.scan(add_rows, result, jnp.asarray(starts, jnp.int32))[0]
+
+
+def kernel_gradient_of_rows(
+    volume: Float[Array, "h d w c"], gradient: Float[Array, "h d w k"]
+) -> Float[Array, "3 3 3 c k"]:
+    """Gradient of a kernel from that of the convolution, with half of the multiplications as well.
+
+    The transpose of the same algorithm: combinations of the rows of the volume and of the gradient
+    give those of the kernel's.
+
+    Args:
+        volume: ``[h, d, w, c]``, without the rows of zeros.
+        gradient: ``[h, d, w, k]`` of a function of the convolution.
+
+    Returns:
+        ``[3, 3, 3, c, k]`` over candidates, rows and columns.
+    """
+    rest = -len(volume) % ROWS
+    volume = jnp.pad(volume, ((1, 1 + rest), (0, 0), (0, 0), (0, 0)))
+    gradient = jnp.pad(gradient, ((0, rest), (0, 0), (0, 0), (0, 0)))
+
+    def add_rows(total, start):
+        rows = jax.lax.dynamic_slice_in_dim(volume, start, READ)
+        results = jax.lax.dynamic_slice_in_dim(gradient, start, ROWS)
+        products = [
+            kernel_gradient(_combined(of_input, rows), _combined(of_products, results), (3, 3))
+            for of_input, of_products in zip(_OF_INPUT, _OF_PRODUCTS.T, strict=True)
+        ]
+        return total + jnp.stack(products), None
+
+    shape = (READ, 3, 3, volume.shape[-1], gradient.shape[-1])
+    starts = jnp.arange(0, len(gradient), ROWS)
+    total, _ = jax.lax.scan(add_rows, jnp.zeros(shape, gradient.dtype), starts)
+    return jnp.einsum("pi,pdjck->dijck", jnp.asarray(_OF_FILTER, gradient.dtype), total)
 
 
 def rows_between_zeros(

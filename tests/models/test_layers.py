@@ -5,17 +5,16 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from occjax.models import preset
 from occjax.models.aggregation import ViewAttention
 from occjax.models.features import FeatureNetwork, upsample
 from occjax.models.layers import (
     Residual3x3,
-    convolve_images,
     depth_to_space,
     space_to_depth,
 )
+from occjax.ops.convolution import convolve_images
 from tests.reference.variables import random_variables
 
 
@@ -52,32 +51,6 @@ def test_features_of_a_view_do_not_depend_on_the_other_views():
     changed = features(variables, images.at[0].set(0.0).at[2].set(1.0))
     np.testing.assert_array_equal(together[1], changed[1])
     assert np.abs(together[0] - changed[0]).max() > 0.01
-
-
-@pytest.mark.parametrize("size", [1, 3])
-def test_the_quick_gradient_of_a_convolution_is_that_of_the_plain_one(size, tolerance):
-    generator = np.random.default_rng(1)
-    images, kernel, weights = (
-        jnp.asarray(generator.normal(size=shape), jnp.float32)
-        for shape in ((3, 5, 7, 2), (size, size, 2, 4), (3, 5, 7, 4))
-    )
-
-    def plain(images, kernel):
-        layout = ("NHWC", "HWIO", "NHWC")
-        return jax.lax.conv_general_dilated(
-            images, kernel, (1, 1), "SAME", dimension_numbers=layout
-        )
-
-    def weighted(convolve):
-        return lambda *arguments: (weights * convolve(*arguments)).sum()
-
-    np.testing.assert_array_equal(convolve_images(images, kernel), plain(images, kernel))
-    found, expected = (
-        jax.grad(weighted(convolve), (0, 1))(images, kernel)
-        for convolve in (convolve_images, plain)
-    )
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, **tolerance("float32"))
 
 
 def test_four_pixels_become_four_groups_of_channels_and_back():

@@ -5,7 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.ops.minimal_filtering import convolve_rows, row_kernels, rows_between_zeros
+from occjax.ops.minimal_filtering import (
+    convolve_rows,
+    kernel_gradient_of_rows,
+    row_kernels,
+    rows_between_zeros,
+)
 
 
 def by_loops(volume, kernel):
@@ -36,6 +41,21 @@ def test_any_height_is_the_convolution(height, x64):
     result = convolved(jnp.asarray(volume), jnp.asarray(kernel))
     np.testing.assert_allclose(result[1:-1], by_loops(volume, kernel), atol=1e-12)
     assert not np.any(result[jnp.array([0, -1])])
+
+
+@pytest.mark.parametrize("height", [4, 5, 7, 11])
+def test_the_gradient_of_the_kernel_is_that_of_the_convolution(height, x64):
+    generator = np.random.default_rng(height)
+    volume, gradient = (
+        generator.normal(size=(height, 3, 5, 2)),
+        generator.normal(size=(height, 3, 5, 4)),
+    )
+    found = kernel_gradient_of_rows(jnp.asarray(volume), jnp.asarray(gradient))
+    for index in np.ndindex(found.shape):
+        unit = np.zeros(found.shape)
+        unit[index] = 1.0
+        expected = (gradient * by_loops(volume, unit)).sum()
+        np.testing.assert_allclose(found[index], expected, atol=1e-11)
 
 
 def test_rows_are_finished_once_and_know_their_number():

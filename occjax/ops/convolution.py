@@ -1,0 +1,139 @@
+"""Two-dimensional convolution with zero padding, which all others are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+
+def plain_convolution(
+    images: Float[Array, "n h w c"], kernel: Float[Array, "i j c k"], dilation: int = 1
+) -> Float[Array, "n h w k"]:
+    """Convolution by XLA and with XLA's derivatives.
+
+    Args:
+        images: ``[n, h, w, c]``.
+        kernel: ``[i, j, c, k]`` of odd size.
+        dilation: Pixels from tap to tap.
+
+    Returns:
+        ``[n, h, w, k]``.
+    """
+    return jax.lax.conv_general_dilated(
+        images,
+        kernel,
+        (1, 1),
+        "SAME",
+        rhs_dilation=(dilation, dilation),
+        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+    )
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(2,))
+def convolve_images(
+    images: Float[Array, "n h w c"], kernel: Float[Array, "i j c k"], dilation: int = 1
+) -> Float[Array, "n h w k"]:
+    """The same, quick to differentiate on a CPU.
+
+    The gradient of the kernel is a convolution with a kernel as large as an image, for which XLA
+    takes several times as long there as for the layer itself, see :func:`kernel_gradient`. Has no
+    forward-mode derivative.
+
+    Args:
+        images: ``[n, h, w, c]``.
+        kernel: ``[i, j, c, k]`` of odd size.
+        dilation: Pixels from tap to tap.
+
+    Returns:
+        ``[n, h, w, k]``.
+    """
+    return plain_convolution(images, kernel, dilation)
+
+
+def _forward(images: Array, kernel: Array, dilation: int) -> tuple[Array, tuple[Array, Array]]:
+    return plain_convolution(images, kernel, dilation), (images, kernel)
+
+
+def _backward(dilation: int, kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+    images, kernel = kept
+    rows, columns = kernel.shape[:2]
+    of_images = jax.linear_transpose(
+        lambda images: plain_convolution(images, kernel, dilation), images
+    )
+
+    def at_once(images: Array, gradient: Array) -> Array:
+        of_kernel = jax.linear_transpose(
+            lambda kernel: plain_convolution(images, kernel, dilation), kernel
+        )
+        return of_kernel(gradient)[0]
+
+    def one_by_one(images: Array, gradient: Array) -> Array:
+        def add_image(total: Array, pair: tuple[Array, Array]):
+            return total + kernel_gradient(*pair, (rows, columns), dilation), None
+
+        start = jnp.zeros(kernel.shape, _sums(gradient))
+        total, _ = jax.lax.scan(add_image, start, (images, gradient))
+        return total.astype(kernel.dtype)
+
+    of_kernel = jax.lax.platform_dependent(images, gradient, cpu=one_by_one, default=at_once)
+    return of_images(gradient)[0], of_kernel
+
+
+convolve_images.defvjp(_forward, _backward)
+
+
+NARROW = 16
+"""Channels of the result up to which all taps of a kernel are worth one matrix product."""
+
+
+def kernel_gradient(
+    image: Float[Array, "h w c"],
+    gradient: Float[Array, "h w k"],
+    size: tuple[int, int],
+    dilation: int = 1,
+) -> Float[Array, "i j c k"]:
+    """Gradient of a kernel from that of the convolution of one image, as matrix products.
+
+    Each tap's is the product of the image with the gradient, moved by as much: copied for all taps
+    of a row or, if it is narrow, for all there are.
+
+    Args:
+        image: ``[h, w, c]``.
+        gradient: ``[h, w, k]`` of a function of the convolution.
+        size: Rows and columns of the kernel, odd.
+        dilation: Pixels from tap to tap.
+
+    Returns:
+        ``[i, j, c, k]``, summed in single precision or better.
+    """
+    (h, w, c), k = image.shape, gradient.shape[-1]
+    rows, columns = size
+    above, left = (dilation * (taps // 2) for taps in size)
+    product = partial(jnp.einsum, "pc,pk->ck", preferred_element_type=_sums(gradient))
+    if k <= NARROW:
+        moved = jnp.concatenate(list(_moved(gradient, above, left, dilation)), -1)
+        result = product(image.reshape(h * w, c), moved.reshape(h * w, -1))
+        return result.reshape(c, rows, columns, k).transpose(1, 2, 0, 3)
+    image = jnp.pad(image, ((above, above), (0, 0), (0, 0))).reshape(-1, c)
+    moved = jnp.concatenate(list(_moved(gradient, 0, left, dilation)), -1).reshape(h * w, -1)
+    starts = (dilation * row * w for row in range(rows))
+    results = jnp.stack([product(image[start : start + h * w], moved) for start in starts])
+    return results.reshape(rows, c, columns, k).swapaxes(1, 2)
+
+
+def _sums(array: Array) -> DTypeLike:
+    return jnp.float64 if array.dtype == jnp.float64 else jnp.float32
+
+
+def _moved(gradient: Array, above: int, left: int, dilation: int) -> Iterator[Array]:
+    """The gradient as far down and to the right as each tap is up and to the left, tap by tap."""
+    h, w = gradient.shape[:2]
+    padded = jnp.pad(gradient, ((above, above), (left, left), (0, 0)))
+    for row in range(2 * above, -1, -dilation):
+        for column in range(2 * left, -1, -dilation):
+            yield padded[row : row + h, column : column + w]

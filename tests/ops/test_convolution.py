@@ -1,0 +1,78 @@
+"""Gradients of the two-dimensional convolution against loops."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.ops.convolution import NARROW, convolve_images, kernel_gradient
+
+
+def by_loops(images, kernel, dilation):
+    """``[n, h, w, c]`` and ``[i, j, c, k]``; zero padding."""
+    _, h, w, _ = images.shape
+    rows, columns = kernel.shape[:2]
+    above, left = dilation * (rows // 2), dilation * (columns // 2)
+    padded = np.pad(images, ((0, 0), (above, above), (left, left), (0, 0)))
+    result = 0.0
+    for row, column in np.ndindex(rows, columns):
+        part = padded[:, dilation * row :, dilation * column :][:, :h, :w]
+        result = result + part @ kernel[row, column]
+    return result
+
+
+def gradients_by_loops(images, kernel, weights, dilation):
+    """Of ``(weights * convolution).sum()``, which is linear in each: its values for unit arrays."""
+    of_images, of_kernel = np.zeros_like(images), np.zeros_like(kernel)
+    for index in np.ndindex(kernel.shape):
+        unit = np.zeros_like(kernel)
+        unit[index] = 1.0
+        of_kernel[index] = (weights * by_loops(images, unit, dilation)).sum()
+    for index in np.ndindex(images.shape):
+        unit = np.zeros_like(images)
+        unit[index] = 1.0
+        of_images[index] = (weights * by_loops(unit, kernel, dilation)).sum()
+    return of_images, of_kernel
+
+
+@pytest.mark.parametrize("dilation", [1, 2])
+@pytest.mark.parametrize("size", [(1, 1), (3, 3), (5, 3)])
+def test_value_and_gradients_are_those_of_loops(size, dilation, x64):
+    generator = np.random.default_rng(1)
+    images, kernel, weights = (
+        generator.normal(size=shape) for shape in ((2, 5, 4, 2), (*size, 2, 3), (2, 5, 4, 3))
+    )
+
+    def total(images, kernel):
+        result = convolve_images(images, kernel, dilation)
+        return (weights * result).sum(), result
+
+    differentiate = jax.jit(jax.grad(total, (0, 1), has_aux=True))
+    found, value = differentiate(jnp.asarray(images), jnp.asarray(kernel))
+    np.testing.assert_allclose(value, by_loops(images, kernel, dilation), atol=1e-12)
+    for one, other in zip(
+        found, gradients_by_loops(images, kernel, weights, dilation), strict=True
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+def test_wide_and_narrow_results_have_the_same_gradient(x64):
+    generator = np.random.default_rng(2)
+    image, gradient = (
+        jnp.asarray(generator.normal(size=shape)) for shape in ((6, 5, 3), (6, 5, NARROW + 1))
+    )
+    wide = kernel_gradient(image, gradient, (3, 5), 2)
+    for first in (0, 1):
+        narrow = kernel_gradient(image, gradient[..., first : first + NARROW], (3, 5), 2)
+        np.testing.assert_allclose(wide[..., first : first + NARROW], narrow, atol=1e-12)
+
+
+def test_gradients_of_half_precision_are_summed_in_single():
+    generator = np.random.default_rng(3)
+    image, gradient = (
+        jnp.asarray(generator.normal(size=(50, 50, 2)), jnp.bfloat16) for _ in range(2)
+    )
+    found = kernel_gradient(image, gradient, (3, 3))
+    exact = kernel_gradient(*(each.astype(jnp.float32) for each in (image, gradient)), (3, 3))
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, exact, rtol=1e-4, atol=1e-3)
