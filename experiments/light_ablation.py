@@ -225,7 +225,7 @@ def run(
     base = base_recipe(scale)
     names = chosen(rows, ROWS)
     held_out = validation_scenes(base.data, scale.held_out)
-    given = scenes_from_folders(validate, base.train, views="star")
+    given = scenes_from_folders(validate, base.train, views=base.data.scenes.views)
     results = {}
     for name in names:
         results[name] = run_row(name, folder, scale, [*held_out, *given])

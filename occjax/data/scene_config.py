@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
+from occjax.data.views import Arrangement, chosen_views
 from occjax.errors import InputError
-
-Views = Literal["all", "star", "cross"]
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,8 @@ class SceneConfig:
         image_size: ``(H, W)`` of each view, in pixels.
         grid: ``(V, U)`` number of views.
         views: Which views of the grid are made: ``"all"``; ``"cross"``, the middle row and column;
-            ``"star"``, these and both diagonals.
+            ``"star"``, these and both diagonals; ``"outer_star"``, the two outermost of a star in
+            each direction, which are those that the light network looks at.
         rays: Rays per pixel; a square number.
         disparity_range: Lowest and highest disparity of the centre view, in pixels per view step.
         disparity_width: Smallest and largest difference between the highest and the lowest
@@ -112,7 +112,7 @@ class SceneConfig:
 
     image_size: tuple[int, int] = (128, 128)
     grid: tuple[int, int] = (9, 9)
-    views: Views = "star"
+    views: Arrangement = "star"
     rays: int = 4
     disparity_range: tuple[float, float] = (-4.0, 4.0)
     disparity_width: tuple[float, float] = (0.4, 8.0)
@@ -150,10 +150,11 @@ class SceneConfig:
                 f"disparity_width: needs 0 < smallest <= largest <= {high - low:g}, the width of "
                 f"disparity_range, not {smallest} {largest}"
             )
-        if self.views not in get_args(Views):
-            raise InputError(f'views: must be one of {get_args(Views)}, not "{self.views}"')
+        if self.views not in get_args(Arrangement):
+            raise InputError(f'views: must be one of {get_args(Arrangement)}, not "{self.views}"')
         v, u = self.grid
-        if self.views != "all" and (v % 2 == 0 or u % 2 == 0 or (self.views == "star" and v != u)):
+        star = self.views not in ("all", "cross")
+        if self.views != "all" and (v % 2 == 0 or u % 2 == 0 or (star and v != u)):
             raise InputError(
                 f'grid: "{self.views}" needs an odd grid, square for a star: not {v}x{u}'
             )
@@ -167,6 +168,7 @@ class SceneConfig:
 
 TEXTURED = SceneConfig(
     image_size=(160, 160),
+    views="outer_star",
     disparity_width=(1.0, 8.0),
     photographs=0.5,
     low_contrast=0.03,
@@ -179,7 +181,7 @@ TEXTURED = SceneConfig(
 """Scenes in which an edge can be seen: where nothing can be, nothing is learned about it."""
 
 
-def arrangement(grid: tuple[int, int], views: Views) -> np.ndarray:
+def arrangement(grid: tuple[int, int], views: Arrangement) -> np.ndarray:
     """Offsets of the views that are made.
 
     Args:
@@ -201,7 +203,5 @@ def arrangement(grid: tuple[int, int], views: Views) -> np.ndarray:
     offsets = np.stack([rows, columns], axis=-1).astype(np.float32)
     if views == "all":
         return offsets
-    kept = (rows == 0) | (columns == 0)
-    if views == "star":
-        kept |= np.abs(rows) == np.abs(columns)
-    return offsets[kept][None]
+    offsets = offsets.reshape(-1, 2)
+    return offsets[chosen_views(offsets, views)][None]

@@ -48,7 +48,8 @@ class DataConfig:
             otherwise as ``augmentation`` says.
         arrangements: For a network of any arrangement of views, how often a step sees which of the
             views there are, as relative weights: ``all``, ``star``, ``cross`` or ``VxU``, such as
-            ``3x3`` for the inner ones. None means all of them in every step.
+            ``3x3`` for the inner ones. None means all of them in every step. What the light recipe
+            renders, an ``outer_star``, has no others; pass ``scenes.views star`` or ``all``.
         augmentation: How light fields are varied; None for not at all.
         seed: Of everything that is drawn.
     """

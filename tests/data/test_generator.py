@@ -183,6 +183,14 @@ def test_a_star_has_the_rows_columns_and_diagonals_around_its_middle():
     assert len({tuple(offset) for offset in offsets[0].tolist()}) == 33
 
 
+def test_an_outer_star_has_the_two_outermost_views_in_each_direction():
+    offsets = arrangement((9, 9), "outer_star")[0]
+    steps = {tuple(step) for step in np.ndindex(3, 3)} - {(1, 1)}
+    expected = {(far * (v - 1), far * (u - 1)) for v, u in steps for far in (3, 4)} | {(0, 0)}
+    assert len(offsets) == 17
+    assert {tuple(offset) for offset in offsets.tolist()} == expected
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
