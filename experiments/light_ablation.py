@@ -127,7 +127,8 @@ ROWS: Mapping[str, Change] = {
     "near neighbours": choice(
         neighbours=(*((-3, 0), (3, 0), (0, -3), (0, 3)), *((-5, -5), (-5, 5), (5, -5), (5, 5)))
     ),
-    "a narrow choice": choice(aggregation=Choice(8, (12, 12, 16, 16))),
+    "the small network": network(stages=preset("light_small").stages),
+    "the large network": network(stages=preset("light_large").stages),
     "a choice that sees little around": choice(aggregation=Choice(32, (48,))),
 }
 """Changes to the training, one at a time."""
