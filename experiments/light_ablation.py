@@ -217,7 +217,10 @@ def run(
     folder: Annotated[
         tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
     ],
-    validate: Annotated[tuple[Path, ...], option("Scenes with ground truth.", "SCENE...")] = (),
+    validate: Annotated[
+        tuple[Path, ...],
+        option("Scenes with ground truth; those of one folder are averaged.", "SCENE..."),
+    ] = (),
     rows: Annotated[tuple[str, ...], option("Which rows; all by default.", "ROW...")] = (),
     small: Annotated[bool, tyro.conf.arg(help="Two steps of a small network.")] = False,
 ) -> dict[str, Mapping[str, float]]:
@@ -231,7 +234,8 @@ def run(
     for name in names:
         results[name] = run_row(name, folder, scale, [*held_out, *given])
     groups = {"procedural": [scene.name for scene in held_out]}
-    groups |= {scene.name: [scene.name] for scene in given}
+    for place, scene in zip(validate, given, strict=True):
+        groups.setdefault(place.resolve().parent.name, []).append(scene.name)
     print(table(results, groups))
     return results
 
