@@ -54,7 +54,7 @@ from experiments.bench.candidates import (
     of_step,
 )
 from experiments.bench.exchange import inference_problem, training_problem
-from experiments.bench.processes import Timing, take_turns
+from experiments.bench.processes import Timing, check_device, take_turns
 from experiments.command_line import main
 from experiments.inference_work import SCORES
 from experiments.markdown import markdown_table
@@ -181,6 +181,7 @@ def run(
     for peer in peers:
         if peer not in PEERS:
             raise InputError(f"--peers: there is no {peer}; there are {', '.join(PEERS)}")
+    check_device(device)
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
     if curves:

@@ -79,10 +79,27 @@ class Worker:
         if not line:
             raise InputError(
                 f"{self.name} stopped with exit code {self.process.wait()} ({self.python}), as for "
-                "lack of memory or, with --device gpu, of a GPU that its framework can use; pass "
-                "smaller --sizes, or leave it out of --peers"
+                "lack of memory, or of a GPU that a peer's framework can use; pass smaller "
+                "--sizes, or leave a peer out of --peers"
             )
         return json.loads(line)
+
+
+def check_device(device: Device) -> None:
+    """Refuse an accelerator that JAX does not see, before anything is started on it.
+
+    Raises:
+        InputError: With what can be done about it.
+    """
+    if device == "cpu":
+        return
+    environment = {**os.environ, "JAX_PLATFORMS": PLATFORMS[device]}
+    look = [sys.executable, "-c", "import jax; jax.devices()"]
+    if subprocess.run(look, env=environment, capture_output=True, check=False).returncode:
+        raise InputError(
+            f"--device {device}: JAX sees none on this machine; with a driver, "
+            "pip install 'jax[cuda12]', else leave the option out"
+        )
 
 
 @contextmanager

@@ -147,7 +147,7 @@ def pool_size(folder: str | Path) -> int:
     """
     folder = Path(folder)
     if not (folder / DESCRIPTION).is_file():
-        raise InputError(f"{folder}: is not a pool of light fields; make one with render_pool")
+        raise InputError(f"{folder}: is not a pool of light fields; make one with occjax pool")
     present = {path.name for path in folder.glob("*.npz")}
     return next(
         n for n in range(len(present) + 1) if light_field_file(folder, n).name not in present

@@ -37,9 +37,6 @@ TABLE = np.array(
 )
 """Affine map from table to scene coordinates."""
 
-UPRIGHT = rotation("x", 90.0)
-"""Turns something that lies flat so that it stands facing the viewer."""
-
 
 def still_life() -> Scene:
     """A table before a brick wall: leaves in a vase, a trellis, books, fruit, pencils."""
@@ -118,7 +115,8 @@ def _room() -> Surfaces:
         grain=0.55,
         seed=1.0,
     )
-    return join(plane(_at(0.0, 0.0), top), plane(_at(7.0, 128.0, 0.0, UPRIGHT), wall))
+    facing_the_viewer = rotation("x", 90.0)
+    return join(plane(_at(0.0, 0.0), top), plane(_at(7.0, 128.0, 0.0, facing_the_viewer), wall))
 
 
 def _trellis() -> Surfaces:

@@ -159,6 +159,11 @@ def chosen_views(places: np.ndarray, selection: Selection) -> np.ndarray:
                 f"has no views {selection[0]} rows and {selection[1]} columns across; select fewer"
             )
         taken = np.all((places >= first) & (places <= last), axis=-1)
+        if taken.sum() < np.prod(selection):
+            raise InputError(
+                f"has {taken.sum()} of the {selection[0]}x{selection[1]} views around the centre; "
+                "select others"
+            )
     centre = np.flatnonzero((row == 0) & (column == 0))
     if len(centre) != 1:
         raise InputError(f"{len(centre)} views have the offset (0, 0); the centre view alone must")

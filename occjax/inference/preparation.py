@@ -166,7 +166,12 @@ def choose_range(
 
 def check_range(disparity_range: tuple[float, float]) -> None:
     """Refuse what is no range."""
-    low, high = disparity_range
+    try:
+        low, high = (float(bound) for bound in disparity_range)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"the disparity range needs two numbers, not {disparity_range!r}"
+        ) from error
     if not (np.isfinite([low, high]).all() and low + 1e-3 <= high):
         raise InputError(f"the disparity range needs minimum < maximum, not {low} {high}")
 

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.ops.convolution import kernel_gradient, plain_convolution
+from occjax.ops.convolution import kernel_gradient, plain_convolution, type_of_sums
 from occjax.ops.minimal_filtering import (
     ROWS,
     convolve_rows,
@@ -72,8 +72,17 @@ def convolve_volume(
 
     Returns:
         ``[d, h, w, k]``.
+
+    Raises:
+        ValueError: If the kernel is not of 3x3x3.
     """
+    _check(kernel)
     return _plain(volume, kernel)
+
+
+def _check(kernel: Array) -> None:
+    if kernel.shape[:3] != (3, 3, 3):
+        raise ValueError(f"a kernel of {kernel.shape[:3]}; it must be 3x3x3")
 
 
 def _plain(
@@ -90,6 +99,7 @@ def _plain(
 
 
 def _forward(volume: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
+    _check(kernel)
     return _filtered(volume, kernel), (volume, kernel)
 
 
@@ -125,7 +135,7 @@ def _filtered(
 
 
 def _is_filtered(volume: Array, kernel: Array) -> bool:
-    wide = min(kernel.shape[3:]) >= WIDE and volume.shape[1] >= ROWS
+    wide = min(kernel.shape[3:]) >= WIDE and volume.shape[1] >= ROWS and volume.size > 0
     return wide and volume.dtype == jnp.float32
 
 
@@ -135,16 +145,16 @@ def _as_products(
     """Gradient of the kernel from that of the result."""
     if filtered:
         return kernel_gradient_of_rows(jnp.moveaxis(volume, 1, 0), jnp.moveaxis(gradient, 1, 0))
+    shape = (3, 3, 3, volume.shape[-1], gradient.shape[-1])
+    if not volume.size:
+        return jnp.zeros(shape, volume.dtype)
     volume = jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0)))
 
-    def of_slice(depth: Array, gradient: Array) -> Array:
-        slices = jax.lax.dynamic_slice_in_dim(volume, depth, 3)
-        return jnp.stack([kernel_gradient(each, gradient, (3, 3)) for each in slices])
-
     def add_slice(total: Array, pair: tuple[Array, Array]):
-        return total + of_slice(*pair), None
+        depth, gradient = pair
+        slices = jax.lax.dynamic_slice_in_dim(volume, depth, 3)
+        return total + jnp.stack([kernel_gradient(each, gradient, (3, 3)) for each in slices]), None
 
     pairs = jnp.arange(len(gradient)), gradient
-    start = jax.eval_shape(of_slice, *(each[0] for each in pairs))
-    total, _ = jax.lax.scan(add_slice, jnp.zeros_like(start), pairs)
+    total, _ = jax.lax.scan(add_slice, jnp.zeros(shape, type_of_sums(gradient)), pairs)
     return total.astype(volume.dtype)

@@ -51,12 +51,21 @@ def convolve_images(
 
     Returns:
         ``[n, h, w, k]``.
+
+    Raises:
+        ValueError: If the kernel is of even size.
     """
+    return _checked(images, kernel, dilation)
+
+
+def _checked(images: Array, kernel: Array, dilation: int) -> Array:
+    if not all(size % 2 for size in kernel.shape[:2]):
+        raise ValueError(f"a kernel of {kernel.shape[:2]} has no centre; its size must be odd")
     return plain_convolution(images, kernel, dilation)
 
 
 def _forward(images: Array, kernel: Array, dilation: int) -> tuple[Array, tuple[Array, Array]]:
-    return plain_convolution(images, kernel, dilation), (images, kernel)
+    return _checked(images, kernel, dilation), (images, kernel)
 
 
 def _backward(dilation: int, kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
@@ -76,7 +85,7 @@ def _backward(dilation: int, kept: tuple[Array, Array], gradient: Array) -> tupl
         def add_image(total: Array, pair: tuple[Array, Array]):
             return total + kernel_gradient(*pair, (rows, columns), dilation), None
 
-        start = jnp.zeros(kernel.shape, _sums(gradient))
+        start = jnp.zeros(kernel.shape, type_of_sums(gradient))
         total, _ = jax.lax.scan(add_image, start, (images, gradient))
         return total.astype(kernel.dtype)
 
@@ -114,19 +123,21 @@ def kernel_gradient(
     (h, w, c), k = image.shape, gradient.shape[-1]
     rows, columns = size
     above, left = (dilation * (taps // 2) for taps in size)
-    product = partial(jnp.einsum, "pc,pk->ck", preferred_element_type=_sums(gradient))
+    product = partial(jnp.einsum, "pc,pk->ck", preferred_element_type=type_of_sums(gradient))
     if k <= NARROW:
         moved = jnp.concatenate(list(_moved(gradient, above, left, dilation)), -1)
-        result = product(image.reshape(h * w, c), moved.reshape(h * w, -1))
+        result = product(image.reshape(h * w, c), moved.reshape(h * w, rows * columns * k))
         return result.reshape(c, rows, columns, k).transpose(1, 2, 0, 3)
-    image = jnp.pad(image, ((above, above), (0, 0), (0, 0))).reshape(-1, c)
-    moved = jnp.concatenate(list(_moved(gradient, 0, left, dilation)), -1).reshape(h * w, -1)
+    image = jnp.pad(image, ((above, above), (0, 0), (0, 0))).reshape((h + 2 * above) * w, c)
+    moved = jnp.concatenate(list(_moved(gradient, 0, left, dilation)), -1)
+    moved = moved.reshape(h * w, columns * k)
     starts = (dilation * row * w for row in range(rows))
     results = jnp.stack([product(image[start : start + h * w], moved) for start in starts])
     return results.reshape(rows, c, columns, k).swapaxes(1, 2)
 
 
-def _sums(array: Array) -> DTypeLike:
+def type_of_sums(array: Array) -> DTypeLike:
+    """Single precision, or double for what is double."""
     return jnp.float64 if array.dtype == jnp.float64 else jnp.float32
 
 

@@ -224,7 +224,7 @@ def patch(
     if min(room) < 0:
         raise InputError(
             f"light fields of {list(sample.disparity.shape)} pixels are smaller than the crop, "
-            f"{list(size)}; render larger ones or crop less"
+            f"{list(size)}; render larger ones or pass a smaller data.augmentation.crop"
         )
     mendable = _mendable(sample)
     corners = generator.integers(0, np.array(room) + 1, (PLACES, 2))

@@ -2,7 +2,6 @@
 
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -110,6 +109,13 @@ def test_a_star_has_smaller_selections_in_it(selection, expected):
     assert places(selected) == expected
 
 
+@pytest.mark.parametrize("selection", [(3, 3), (5, 5), (9, 9)])
+def test_a_list_without_the_views_that_are_asked_for_is_refused(selection):
+    outer = select_views(grid(9, 9), "outer_star")
+    with pytest.raises(InputError, match=f"of the {selection[0]}x{selection[1]} views"):
+        select_views(outer, selection)
+
+
 def test_views_of_a_list_are_found_in_whatever_order_each_sample_has_them():
     star = select_views(grid(5, 5), "star")
     order = np.arange(17)
@@ -146,14 +152,6 @@ def test_a_grid_can_be_selected_from_inside_jit_but_not_a_list():
     assert len(places(selected)) == 9
     with pytest.raises(InputError, match="jit"):
         jax.jit(lambda sample: select_views(sample, "cross"))(selected)
-
-
-@pytest.fixture
-def unchecked():
-    """As for users, who have no run-time check of annotations."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.bench import __main__ as bench
-from experiments.bench import ours
+from experiments.bench import ours, processes
 from experiments.bench.candidates import Candidate, for_inference, for_training, of_disparity
 from experiments.bench.curves import with_candidates
 from experiments.bench.exchange import (
@@ -130,6 +130,13 @@ def test_the_table_compares_with_the_fastest_peer_and_the_product():
         *("64", "occjax", "2", "2", "7", "0.50", "9", "2.00 GB", "4", "200 %", "3e-06", "2e-05")
     ]
     assert light == ["64", "light", "1", "1", "1", "", "9", "1.00 GB", "", "", "", ""]
+
+
+def test_a_gpu_that_is_not_there_is_told_before_anything_is_made(tmp_path, monkeypatch):
+    monkeypatch.setitem(processes.PLATFORMS, "gpu", "no such platform")
+    with pytest.raises(InputError, match="JAX sees none on this machine"):
+        bench.run(device="gpu", output=tmp_path / "table")
+    assert not (tmp_path / "table").exists()
 
 
 def test_who_takes_part_on_a_gpu():

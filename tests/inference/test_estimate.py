@@ -188,6 +188,13 @@ def test_a_range_that_is_none_is_refused(photometric, bad):
         photometric(plane(), disparity_range=bad)
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("wrong", [(1, 2, 3), 1.0, "ab", (None, 1)])
+def test_a_range_that_is_not_two_numbers_is_refused(wrong):
+    with pytest.raises(InputError, match="needs two numbers"):
+        estimate(plane(), disparity_range=wrong)
+
+
 def test_a_grid_too_small_names_what_fits(tiny_estimator):
     with pytest.raises(InputError, match=r"has 1x5 views.*photometric"):
         tiny_estimator(plane(grid=(1, 5)))

@@ -75,3 +75,20 @@ def test_gradients_of_half_precision_are_summed_in_single():
     assert found.dtype == jnp.bfloat16
     # Sums of 2560 terms in bfloat16 would be off by more than the last rounding.
     np.testing.assert_allclose(np.float32(found), exact, rtol=2**-8)
+
+
+@pytest.mark.parametrize("channels", [2, WIDE])
+@pytest.mark.parametrize("size", [(0, 5, 4), (3, 0, 4), (3, 5, 0)])
+def test_no_voxels_have_a_gradient_of_zero(size, channels):
+    volume, kernel = jnp.zeros((*size, channels)), jnp.ones((3, 3, 3, channels, channels))
+    found = jax.grad(lambda kernel: convolve_volume(volume, kernel).sum())(kernel)
+    np.testing.assert_array_equal(found, np.zeros(kernel.shape))
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("size", [(5, 3, 3), (1, 3, 3), (3, 5, 5)])
+def test_a_kernel_of_another_size_is_refused(size):
+    volume, kernel = jnp.ones((2, 4, 4, 2)), jnp.ones((*size, 2, 3))
+    for call in (convolve_volume, jax.grad(lambda *both: convolve_volume(*both).sum())):
+        with pytest.raises(ValueError, match="must be 3x3x3"):
+            call(volume, kernel)

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -90,14 +89,6 @@ DISPARITY = np.full((4, 5), 0.5, np.float32)
 OFFSET = np.array([0.0, -1.0], np.float32)
 CANDIDATES = np.array([-1.0, 0.0, 0.5], np.float32)
 WEIGHTS = np.full(VIEWS.shape[:4], 0.5, np.float32)
-
-
-@pytest.fixture
-def unchecked():
-    """As for users, who have no run-time check of annotations."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 OF_IMAGES = {

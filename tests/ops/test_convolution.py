@@ -76,3 +76,18 @@ def test_gradients_of_half_precision_are_summed_in_single():
     exact = kernel_gradient(*(each.astype(jnp.float32) for each in (image, gradient)), (3, 3))
     assert found.dtype == jnp.float32
     np.testing.assert_allclose(found, exact, rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(0, 4, 5, 2), (2, 0, 5, 2), (2, 4, 0, 2), (2, 4, 5, 0)])
+@pytest.mark.parametrize("channels", [1, NARROW + 1])
+def test_no_pixels_have_a_gradient_of_zero(shape, channels):
+    images, kernel = jnp.zeros(shape), jnp.ones((3, 3, shape[-1], channels))
+    found = jax.grad(lambda kernel: convolve_images(images, kernel).sum())(kernel)
+    np.testing.assert_array_equal(found, np.zeros(kernel.shape))
+
+
+def test_a_kernel_without_a_centre_is_refused():
+    images, kernel = jnp.ones((1, 4, 4, 2)), jnp.ones((2, 3, 2, 3))
+    for call in (convolve_images, jax.grad(lambda *both: convolve_images(*both).sum())):
+        with pytest.raises(ValueError, match="must be odd"):
+            call(images, kernel)

@@ -1,6 +1,5 @@
 import jax
 import jax.numpy as jnp
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -204,13 +203,7 @@ def test_compiled_and_not_are_the_same(tolerance):
     np.testing.assert_allclose(plain, compiled, **tolerance("float32"))
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_an_unknown_border_is_an_error_not_a_replication():
-    """Also for a user without run-time type checks."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    try:
-        with pytest.raises(InputError, match='must be "replicate" or "zero", not "zeros"'):
-            ops.warp(
-                jnp.asarray(IMAGE), jnp.asarray(DISPARITY), jnp.asarray(OFFSET), border="zeros"
-            )
-    finally:
-        jaxtyping.config.update("jaxtyping_disable", False)
+    with pytest.raises(InputError, match='must be "replicate" or "zero", not "zeros"'):
+        ops.warp(jnp.asarray(IMAGE), jnp.asarray(DISPARITY), jnp.asarray(OFFSET), border="zeros")
