@@ -7,6 +7,7 @@ import os
 import statistics
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
@@ -19,6 +20,9 @@ from tqdm import tqdm
 from experiments.bench.candidates import Candidate, Comparison, Device, of_disparity
 from experiments.bench.peers.description import Problem, save
 from occjax.errors import InputError
+
+REST = 0.5
+"""Seconds between turns: threads of the candidate before wait for more work, busily, for a while."""
 
 PLATFORMS = {"cpu": "cpu", "gpu": "cuda"}
 
@@ -64,6 +68,7 @@ class Worker:
 
     def run(self, calls: int) -> tuple[list[float], int]:
         """Seconds of each of some runs, and the peak memory so far."""
+        time.sleep(REST)
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(f"{calls}\n")
