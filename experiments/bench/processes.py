@@ -22,7 +22,7 @@ from experiments.bench.peers.description import Problem, save
 from occjax.errors import InputError
 
 REST = 0.5
-"""Seconds between turns: threads of the candidate before wait for more work, busily, for a while."""
+"""Seconds between turns: threads of the candidate before wait for more work busily for a while."""
 
 PLATFORMS = {"cpu": "cpu", "gpu": "cuda"}
 
