@@ -80,6 +80,14 @@ def test_half_of_the_operations_are_left():
     assert products < counted < 0.8 * direct
 
 
+def test_half_of_the_operations_are_left_for_the_gradient_of_the_kernel():
+    """By XLA's count of the lowered program; four rows, whose loop has one step."""
+    volume = jax.ShapeDtypeStruct((4, 9, 16, 32), jnp.float32)
+    counted = jax.jit(kernel_gradient_of_rows).lower(volume, volume).cost_analysis()["flops"]
+    direct = 2 * 27 * (4 * 9 * 16) * 32 * 32
+    assert direct / 2 < counted < 0.6 * direct
+
+
 def test_rounding_is_that_of_a_direct_convolution_times_a_few():
     generator = np.random.default_rng(0)
     volume = generator.normal(size=(8, 9, 12, 48)).astype(np.float32)
