@@ -5,8 +5,8 @@
 
 Every row is one change to the same short training on small patches, with its own pool of light
 fields where the change is to them. The first rows differ in the seed alone: smaller differences
-than theirs mean nothing. Cost: about five minutes a row on two cores; rows that are done are kept, and one
-that was interrupted goes on.
+than theirs mean nothing. Cost: about five minutes a row on two cores; rows that are
+done are kept, and one that was interrupted goes on.
 """
 
 from __future__ import annotations
