@@ -4,8 +4,9 @@ Functions take a key and one sample (no batch axis); :func:`augment` composes th
 :class:`AugmentationConfig` says. What is drawn is drawn once for the light field, since all its
 views are of one scene, except for noise, which differs in every pixel of every view.
 
-For a batch, :func:`augment_batch` takes one sample after the other, so that what is not drawn is
-not computed either. ``jax.vmap`` gives the same, but evaluates both sides of every choice.
+For a batch, :func:`augment_batch` on a CPU takes one sample after the other, so that what is not
+drawn is not computed either. ``jax.vmap``, what others do, gives the same, but evaluates both sides
+of every choice.
 """
 
 from __future__ import annotations
@@ -151,7 +152,13 @@ def augment_batch(keys: Key[Array, " b"], batch: Sample, config: AugmentationCon
     Returns:
         The varied batch.
     """
-    return jax.lax.map(lambda one: augment(one[0], one[1], config), (keys, batch))
+    one = partial(augment, config=config)
+    return jax.lax.platform_dependent(
+        keys,
+        batch,
+        cpu=lambda keys, batch: jax.lax.map(lambda each: one(*each), (keys, batch)),
+        default=jax.vmap(one),
+    )
 
 
 def random_frame(

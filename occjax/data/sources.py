@@ -14,7 +14,8 @@ from functools import lru_cache, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
+from tqdm import tqdm
 
 from occjax.data.augmentation import AugmentationConfig, augment_batch
 from occjax.data.generator import generate
@@ -57,6 +58,65 @@ def procedural_source(
         batch = _rendered(
             jax.random.key(seed), jnp.uint32(step), textures, config=config, batch_size=batch_size
         )
+        if augmentation is None:
+            return batch
+        return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
+
+    return source
+
+
+def kept_source(
+    config: SceneConfig,
+    count: int,
+    batch_size: int,
+    seed: int,
+    *,
+    photographs: Float[Array | np.ndarray, "p 256 256"] | None = None,
+    augmentation: AugmentationConfig | None = None,
+) -> Source:
+    """Light fields rendered on the device before the first step, kept there and drawn from.
+
+    For GPUs, where one is rendered in about the time of a step with it, and each serves for many
+    patches. Their views are kept in 8 bits, so that 16,000 of 9x9 views and 64x64 pixels take 11 GB
+    with their visibility. Light field ``i`` is that of :func:`procedural_source`; which of them a
+    step sees is drawn anew for each step.
+
+    Args:
+        config: The distribution of scenes.
+        count: Number of light fields that are kept.
+        batch_size: Light fields per step.
+        seed: Another seed, other light fields.
+        photographs: Textures, see :func:`occjax.data.generator.generate`.
+        augmentation: How they are varied further; None for not at all.
+
+    Returns:
+        The source.
+
+    Raises:
+        InputError: If there are no light fields to keep or to draw.
+    """
+    check_batch_size(batch_size)
+    if count < 1:
+        raise InputError(f"light fields to keep: {count}; there must be at least 1")
+    textures = None if photographs is None else jnp.asarray(photographs)
+
+    @lru_cache(maxsize=1)
+    def kept() -> Sample:
+        root = jax.random.key(seed)
+        batches = -(-count // batch_size)
+
+        def make(step: int) -> Sample:
+            return _rendered(root, jnp.uint32(step), textures, config=config, batch_size=batch_size)
+
+        like = jax.eval_shape(lambda: _in_bytes(make(0)))
+        held = jax.tree.map(lambda field: jnp.zeros((batches, *field.shape), field.dtype), like)
+        for step in tqdm(range(batches), desc="light fields", unit="batch", disable=None):
+            held = _with_batch(held, make(step), step)
+        return held
+
+    def source(step: int) -> Sample:
+        drawn = np.random.default_rng((seed, step)).integers(count, size=batch_size)
+        batch = _drawn(kept(), drawn.astype(np.int32))
         if augmentation is None:
             return batch
         return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
@@ -210,6 +270,25 @@ def _rendered(
     numbers = step * batch_size + jnp.arange(batch_size, dtype=jnp.uint32)
     keys = jax.vmap(partial(jax.random.fold_in, root))(numbers)
     return jax.vmap(lambda key: generate(key, config, photographs))(keys)
+
+
+def _in_bytes(batch: Sample) -> Sample:
+    """A batch with its views in 8 bits."""
+    return batch._replace(views=jnp.round(batch.views * 255.0).astype(jnp.uint8))
+
+
+@partial(jax.jit, donate_argnames="held")
+def _with_batch(held: Sample, batch: Sample, number: int | Int[Array, ""]) -> Sample:
+    """Batches ``[n, b, ...]`` with one of them put in its place, its views in 8 bits."""
+    return jax.tree.map(lambda into, one: into.at[number].set(one), held, _in_bytes(batch))
+
+
+@jax.jit
+def _drawn(kept: Sample, numbers: Int[Array, " b"]) -> Sample:
+    """Samples of batches ``[n, b, ...]`` by their numbers."""
+    size = kept.disparity.shape[1]
+    batch = jax.tree.map(lambda field: field[numbers // size, numbers % size], kept)
+    return batch._replace(views=batch.views.astype(jnp.float32) / 255.0)
 
 
 def _are_weights(weights: Sequence[float]) -> bool:

@@ -6,9 +6,8 @@ field, so its inner rows are those of the whole image. Two things look at the wh
 computed before: the features (their spatial pyramid reaches far) and the mean over the volume from
 which the view attention is made.
 
-The first convolution of a coarse volume, a third of the published network's work, is computed
-without making the volume, see :mod:`occjax.ops.convolved_volume`; on a CPU in float32 the whole
-aggregation instead has half of the multiplications, see :mod:`occjax.ops.minimal_filtering`.
+On a CPU in float32 the aggregation has half of the multiplications, see
+:mod:`occjax.ops.minimal_filtering`.
 
 Networks of any arrangement of views are computed whole: what they keep does not grow with the
 number of views.
@@ -35,7 +34,6 @@ from occjax.ops import (
     coarse_volume,
     coarse_volume_means,
     concatenate,
-    convolved_coarse_volume,
     occlusion_weights,
     refined_volume,
     view_offsets,
@@ -44,6 +42,9 @@ from occjax.ops.minimal_filtering import READ, ROWS
 
 STRIP_PIXELS = 3 * 2**14
 """Pixels of a strip, halo included: ``occcasnet`` then needs less than four gigabytes."""
+
+STRIP_PIXELS_OF_ACCELERATOR = 2**17
+"""The same in the memory of a GPU, in bfloat16 less than eight: there is less to read twice."""
 
 
 def infer(
@@ -88,12 +89,19 @@ def infer(
     if config.views is None:
         outputs = network.apply(variables, views, candidates=candidates, offsets=offsets)
         return of_kind(outputs, tuple)
+    if strip_rows is None and _is_whole(views.shape[2:], config):
+        outputs = network.apply(variables, views, candidates=candidates, ground_truth=ground_truth)
+        return of_kind(outputs, tuple)
 
     def method(name, *args, **options):
         return network.apply(variables, *args, **options, method=name)
 
     # A row of views at a time: 40 channels of all views at once would be gigabytes.
-    features = jax.lax.map(lambda row: method("extract", row[None])[0], views)
+    features = jax.lax.platform_dependent(
+        views,
+        cpu=lambda views: jax.lax.map(lambda row: method("extract", row[None])[0], views),
+        default=partial(method, "extract"),
+    )
     done: list[StageOutput] = []
     for index, stage in enumerate(config.stages):
         before = done[-1].disparity if done else None
@@ -106,12 +114,7 @@ def infer(
             features, values, before, maps, _offsets(network, before), COMBINED[stage.volume]
         )
         attention = method("attend", index, volume.channel_means()) if stage.attention else None
-        if before is None and maps is None and stage.volume == "concatenate":
-            span = stage.candidates[-1] - stage.candidates[0]
-            kernel = method("first_kernel", index, attention)
-            compute = _on_convolved(method, index, volume, kernel, span)
-        else:
-            compute = _on_volume(method, index, volume, attention)
+        compute = _on_volume(method, index, volume, attention)
         if views.shape[2] >= ROWS and jnp.dtype(dtype) == jnp.float32:
             in_rows = _in_rows(variables, config, index, volume, attention)
             compute = _by_platform(cpu=in_rows, default=compute)
@@ -123,7 +126,9 @@ def infer(
 
 
 def rows_of_strip(height: int, width: int, halo: int) -> int:
-    """Rows computed at a time, so that strips are even and none has more than STRIP_PIXELS.
+    """Rows computed at a time, so that strips are even and none has too many pixels.
+
+    That is STRIP_PIXELS, or if JAX's default is another device STRIP_PIXELS_OF_ACCELERATOR.
 
     Args:
         height: Of the centre view, in pixels.
@@ -133,11 +138,19 @@ def rows_of_strip(height: int, width: int, halo: int) -> int:
     Returns:
         The height, if that many pixels make one strip; one at least.
     """
-    read = STRIP_PIXELS // width
+    on_cpu = jax.default_backend() == "cpu"
+    read = (STRIP_PIXELS if on_cpu else STRIP_PIXELS_OF_ACCELERATOR) // width
     if height <= read:
         return height
     strips = math.ceil(height / max(1, read - 2 * halo))
     return math.ceil(height / strips)
+
+
+def _is_whole(size: tuple[int, ...], config: NetworkConfig) -> bool:
+    """Whether an accelerator has the memory for volumes that are made at once, and once only."""
+    halos = [of_kind(stage.aggregation, Residual).halo for stage in config.stages]
+    one_strip = rows_of_strip(size[0], size[1], max(halos)) == size[0]
+    return jax.default_backend() != "cpu" and one_strip
 
 
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:
@@ -150,16 +163,6 @@ def _on_volume(method, index, volume, attention):
 
     def scores(first, rows):
         return method("aggregate", index, volume.strip(first, rows, attention), None)
-
-    return scores
-
-
-def _on_convolved(method, index, volume, kernel, span):
-    """The same without making the volume, where views are weighted as wholes."""
-
-    def scores(first, rows):
-        convolved = volume.convolved(first, rows, kernel, span)
-        return method("aggregate", index, convolved, None, convolved=True)
 
     return scores
 
@@ -264,14 +267,6 @@ class _StageVolume:
             offsets=self.offsets,
             combine=self.combine,
             streamed=True,
-        )
-
-    def convolved(
-        self, first: Int[Array, ""], rows: int, kernel: Float[Array, "3 3 3 n k"], span: float
-    ) -> Float[Array, "d r w k"]:
-        """First convolution of some rows of the coarse volume, the views' weights in its kernel."""
-        return convolved_coarse_volume(
-            self.features, self.candidates, kernel, rows=(first, rows), span=span, streamed=True
         )
 
 

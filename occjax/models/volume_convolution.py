@@ -1,19 +1,22 @@
-"""3x3x3 convolution of a volume, quick to differentiate on a CPU.
+"""3x3x3 convolution of a volume, quick to differentiate.
 
-Three 2-D convolutions, one for each plane of the kernel, over slices of the volume are twice as
-fast there as XLA's 3-D convolution. While training on a CPU, two more things count; other platforms
-are left to XLA.
+XLA's 3-D convolution is slow on either platform, so this one is made of two-dimensional ones.
+
+On a CPU three of them, one for each plane of the kernel, over slices of the volume are twice as
+fast. While training, two more things count there:
 
 * The gradient of the kernel is a convolution with a kernel as large as a slice, for which XLA takes
   four times as long as for the layer itself. Here it is a sum of matrix products, see
   :func:`occjax.ops.convolution.kernel_gradient`.
 * It, the layer itself and the gradient of the volume, a convolution as well, have half of the
   multiplications, see :mod:`occjax.ops.minimal_filtering`.
+
+Elsewhere all planes of the kernel are one convolution, whose results are then moved and added: the
+volume is read once, channels lie where the matrix units want them, and the gradients, which XLA
+derives, are convolutions of the whole batch.
 """
 
 from __future__ import annotations
-
-from functools import partial
 
 import flax.linen as nn
 import jax
@@ -32,6 +35,9 @@ from occjax.ops.minimal_filtering import (
 
 WIDE = 16
 """Channels from which on minimal filtering is worth combining rows."""
+
+ALIGNED = 8
+"""Multiple of channels that a GPU's matrix units take without copying them."""
 
 
 class VolumeConv(nn.Module):
@@ -57,14 +63,13 @@ class VolumeConv(nn.Module):
         return convolve_volume(volume.astype(self.dtype), kernel.astype(self.dtype))
 
 
-@jax.custom_vjp
 def convolve_volume(
     volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
 ) -> Float[Array, "d h w k"]:
     """What :class:`VolumeConv` computes, with a kernel.
 
-    Has no forward-mode derivative. Where it is differentiated on a CPU in float32, the last digits
-    of its value are others than where it is not.
+    On a CPU it has no forward-mode derivative, and where it is differentiated in float32, the last
+    digits of its value are others than where it is not.
 
     Args:
         volume: ``[d, h, w, c]``.
@@ -76,20 +81,32 @@ def convolve_volume(
     Raises:
         ValueError: If the kernel is not of 3x3x3.
     """
-    _check(kernel)
-    return _plain(volume, kernel)
-
-
-def _check(kernel: Array) -> None:
     if kernel.shape[:3] != (3, 3, 3):
         raise ValueError(f"a kernel of {kernel.shape[:3]}; it must be 3x3x3")
+    return jax.lax.platform_dependent(volume, kernel, cpu=_on_cpu, default=_at_once)
 
 
-def _plain(
+def _at_once(
     volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
 ) -> Float[Array, "d h w k"]:
-    """The same with XLA's derivatives."""
+    """All planes of the kernel in one convolution; with XLA's derivatives."""
+    d, h, w, c = volume.shape
+    k = kernel.shape[-1]
+    more, wider = -c % ALIGNED, -3 * k % ALIGNED
+    volume = jnp.pad(volume, ((0, 0), (0, 0), (0, 0), (0, more)))
+    kernel = kernel.transpose(1, 2, 3, 0, 4).reshape(3, 3, c, 3 * k)
+    kernel = jnp.pad(kernel, ((0, 0), (0, 0), (0, more), (0, wider)))
+    planes = plain_convolution(volume, kernel)[..., : 3 * k].reshape(d, h, w, 3, k)
+    planes = jnp.pad(planes, ((1, 1), (0, 0), (0, 0), (0, 0), (0, 0)))
+    planes = planes.astype(type_of_sums(planes))
+    total = planes[:-2, ..., 0, :] + planes[1:-1, ..., 1, :] + planes[2:, ..., 2, :]
+    return total.astype(volume.dtype)
 
+
+@jax.custom_vjp
+def _on_cpu(
+    volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
+) -> Float[Array, "d h w k"]:
     def plane(slices, depth):
         return plain_convolution(slices, kernel[depth])
 
@@ -99,39 +116,29 @@ def _plain(
 
 
 def _forward(volume: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
-    _check(kernel)
     return _filtered(volume, kernel), (volume, kernel)
 
 
 def _backward(kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
     volume, kernel = kept
     turned = jnp.flip(kernel, (0, 1, 2)).swapaxes(3, 4)
-
-    def at_once(volume: Array, gradient: Array) -> Array:
-        return jax.linear_transpose(partial(_plain, volume), kernel)(gradient)[0]
-
-    products = partial(_as_products, filtered=_is_filtered(volume, kernel))
-    of_kernel = jax.lax.platform_dependent(volume, gradient, cpu=products, default=at_once)
+    of_kernel = _as_products(volume, gradient, filtered=_is_filtered(volume, kernel))
     return _filtered(gradient, turned), of_kernel
 
 
-convolve_volume.defvjp(_forward, _backward)
+_on_cpu.defvjp(_forward, _backward)
 
 
 def _filtered(
     volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
 ) -> Float[Array, "d h w k"]:
-    """The convolution, on a CPU with half of the multiplications if there are many."""
+    """The convolution, with half of the multiplications if there are many."""
     if not _is_filtered(volume, kernel):
-        return _plain(volume, kernel)
-
-    def in_rows(volume: Array, kernel: Array) -> Array:
-        rows = jnp.pad(jnp.moveaxis(volume, 1, 0), ((1, 1), (0, 0), (0, 0), (0, 0)))
-        read = rows_between_zeros(rows)
-        result = convolve_rows(read, volume.shape[1], row_kernels(kernel), lambda rows, _: rows)
-        return jnp.moveaxis(result[1:-1], 0, 1)
-
-    return jax.lax.platform_dependent(volume, kernel, cpu=in_rows, default=_plain)
+        return _on_cpu(volume, kernel)
+    rows = jnp.pad(jnp.moveaxis(volume, 1, 0), ((1, 1), (0, 0), (0, 0), (0, 0)))
+    read = rows_between_zeros(rows)
+    result = convolve_rows(read, volume.shape[1], row_kernels(kernel), lambda rows, _: rows)
+    return jnp.moveaxis(result[1:-1], 0, 1)
 
 
 def _is_filtered(volume: Array, kernel: Array) -> bool:

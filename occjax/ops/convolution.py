@@ -34,15 +34,14 @@ def plain_convolution(
     )
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(2,))
 def convolve_images(
     images: Float[Array, "n h w c"], kernel: Float[Array, "i j c k"], dilation: int = 1
 ) -> Float[Array, "n h w k"]:
     """The same, quick to differentiate on a CPU.
 
     The gradient of the kernel is a convolution with a kernel as large as an image, for which XLA
-    takes several times as long there as for the layer itself, see :func:`kernel_gradient`. Has no
-    forward-mode derivative.
+    takes several times as long there as for the layer itself, see :func:`kernel_gradient`. On a
+    CPU it has no forward-mode derivative.
 
     Args:
         images: ``[n, h, w, c]``.
@@ -55,17 +54,78 @@ def convolve_images(
     Raises:
         ValueError: If the kernel is of even size.
     """
-    return _checked(images, kernel, dilation)
-
-
-def _checked(images: Array, kernel: Array, dilation: int) -> Array:
     if not all(size % 2 for size in kernel.shape[:2]):
         raise ValueError(f"a kernel of {kernel.shape[:2]} has no centre; its size must be odd")
+    # Elsewhere XLA's own derivatives: they are convolutions of the whole batch, where those of a
+    # custom rule would be taken for one light field at a time.
+    return jax.lax.platform_dependent(
+        images,
+        kernel,
+        cpu=lambda images, kernel: _on_cpu(images, kernel, dilation),
+        default=lambda images, kernel: packed_convolution(images, kernel, dilation),
+    )
+
+
+PACKED = 64
+"""Channels that a GPU's matrix units work on at once; fewer take as long."""
+
+
+def packed_convolution(
+    images: Float[Array, "n h w c"], kernel: Float[Array, "i j c k"], dilation: int = 1
+) -> Float[Array, "n h w k"]:
+    """The same with the channels of neighbouring pixels side by side, for matrix units.
+
+    In memory the channels of several pixels of a row follow each other as those of one pixel do, so
+    that nothing is moved. What few channels leave idle goes to the zeros of a wider kernel.
+
+    Args:
+        images: ``[n, h, w, c]``.
+        kernel: ``[i, j, c, k]`` of odd size.
+        dilation: Pixels from tap to tap.
+
+    Returns:
+        ``[n, h, w, k]``.
+    """
+    n, h, w, c = images.shape
+    rows, columns, _, k = kernel.shape
+    if rows == columns == 1:
+        return jnp.einsum("nhwc,ck->nhwk", images, kernel[0, 0])
+    together = min(PACKED // max(k, 1), PACKED)
+    reach = dilation * (columns // 2)
+    if together < 2 or reach > together or images.size == 0:
+        return plain_convolution(images, kernel, dilation)
+    images = jnp.pad(images, ((0, 0), (0, 0), (0, -w % together), (0, 0)))
+    blocks = images.shape[2] // together
+    # From pixel p of the block before, the same or the next to pixel q of a block, for each tap.
+    beside = 1 if reach else 0
+    block, p, q = (
+        jnp.arange(size, dtype=jnp.int32) for size in (2 * beside + 1, together, together)
+    )
+    step = together * (block[:, None, None] - beside) + p[None, :, None] - q[None, None, :]
+    # Not a matrix product, for which the best algorithm would be sought for each layer.
+    wider = jnp.zeros((rows, *step.shape[:2], c, together, k), kernel.dtype)
+    for tap in range(columns):
+        here = (step == dilation * (tap - columns // 2))[None, :, :, None, :, None]
+        wider = jnp.where(here, kernel[:, tap][:, None, None, :, None], wider)
+    wider = wider.reshape(rows, 2 * beside + 1, together * c, together * k)
+    result = jax.lax.conv_general_dilated(
+        images.reshape(n, h, blocks, together * c),
+        wider,
+        (1, 1),
+        "SAME",
+        rhs_dilation=(dilation, 1),
+        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+    )
+    return result.reshape(n, h, blocks * together, k)[:, :, :w]
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(2,))
+def _on_cpu(images: Array, kernel: Array, dilation: int) -> Array:
     return plain_convolution(images, kernel, dilation)
 
 
 def _forward(images: Array, kernel: Array, dilation: int) -> tuple[Array, tuple[Array, Array]]:
-    return _checked(images, kernel, dilation), (images, kernel)
+    return plain_convolution(images, kernel, dilation), (images, kernel)
 
 
 def _backward(dilation: int, kept: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
@@ -75,25 +135,15 @@ def _backward(dilation: int, kept: tuple[Array, Array], gradient: Array) -> tupl
         lambda images: plain_convolution(images, kernel, dilation), images
     )
 
-    def at_once(images: Array, gradient: Array) -> Array:
-        of_kernel = jax.linear_transpose(
-            lambda kernel: plain_convolution(images, kernel, dilation), kernel
-        )
-        return of_kernel(gradient)[0]
+    def add_image(total: Array, pair: tuple[Array, Array]):
+        return total + kernel_gradient(*pair, (rows, columns), dilation), None
 
-    def one_by_one(images: Array, gradient: Array) -> Array:
-        def add_image(total: Array, pair: tuple[Array, Array]):
-            return total + kernel_gradient(*pair, (rows, columns), dilation), None
-
-        start = jnp.zeros(kernel.shape, type_of_sums(gradient))
-        total, _ = jax.lax.scan(add_image, start, (images, gradient))
-        return total.astype(kernel.dtype)
-
-    of_kernel = jax.lax.platform_dependent(images, gradient, cpu=one_by_one, default=at_once)
-    return of_images(gradient)[0], of_kernel
+    start = jnp.zeros(kernel.shape, type_of_sums(gradient))
+    of_kernel, _ = jax.lax.scan(add_image, start, (images, gradient))
+    return of_images(gradient)[0], of_kernel.astype(kernel.dtype)
 
 
-convolve_images.defvjp(_forward, _backward)
+_on_cpu.defvjp(_forward, _backward)
 
 
 NARROW = 16

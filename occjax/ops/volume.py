@@ -21,6 +21,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
+from occjax.ops.convolution import type_of_sums
 from occjax.ops.geometry import view_offsets
 from occjax.ops.sampling import (
     Border,
@@ -263,7 +264,7 @@ def coarse_volume_means(
     features = as_images(features, "v u h w c", "features")
     candidates, offsets = _candidates(candidates), _offsets(features, offsets)
     _, _, h, w, _ = features.shape
-    features = features.astype(jnp.promote_types(features.dtype, jnp.float32))
+    features = features.astype(type_of_sums(features))
 
     def counts(size, offset):
         """``[v, u, d, size]``: which share of a pixel's value comes from each row or column."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -15,7 +16,13 @@ from occjax.data.photographs import load_photographs
 from occjax.data.pool import pool_source
 from occjax.data.scene_config import SceneConfig
 from occjax.data.scenes import load_scenes
-from occjax.data.sources import Source, mixture, procedural_source, random_views
+from occjax.data.sources import (
+    Source,
+    kept_source,
+    mixture,
+    procedural_source,
+    random_views,
+)
 from occjax.data.views import Selection
 from occjax.errors import InputError
 from occjax.models import NetworkConfig
@@ -33,8 +40,9 @@ class DataConfig:
 
     Attributes:
         batch_size: Light fields in a step.
-        procedural_share: Of procedural light fields that are rendered anew in every step, which
-            wants a GPU.
+        procedural_share: Of procedural light fields, which want a GPU to render them.
+        kept: Number of procedural light fields that are rendered before the first step, kept on the
+            device and drawn from; 0 renders new ones in every step.
         scenes: The distribution that procedural light fields are drawn from.
         photographs: Whether some of their textures are photographs (needs scikit-image).
         pools: Folders of procedural light fields that were rendered before.
@@ -56,6 +64,7 @@ class DataConfig:
 
     batch_size: int = 16
     procedural_share: float = 1.0
+    kept: int = 0
     scenes: SceneConfig = field(default_factory=SceneConfig)
     photographs: bool = False
     pools: tuple[Path, ...] = ()
@@ -127,7 +136,7 @@ def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
     """
     if not count:
         return []
-    unvaried = dataclasses.replace(config, augmentation=None)
+    unvaried = dataclasses.replace(config, augmentation=None, kept=0)
     source = _procedural(unvaried, count, config.seed + VALIDATION_SEED)
     return scenes_from_batch(source(0), "procedural")
 
@@ -139,10 +148,11 @@ def fixed(source: BatchSource) -> BatchSource:
 
 
 def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
-    return procedural_source(
+    make = partial(kept_source, count=config.kept) if config.kept else procedural_source
+    return make(
         config.scenes,
-        batch_size,
-        seed,
+        batch_size=batch_size,
+        seed=seed,
         photographs=load_photographs() if config.photographs else None,
         augmentation=config.augmentation,
     )

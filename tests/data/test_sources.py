@@ -9,7 +9,13 @@ from occjax.data import sources
 from occjax.data.augmentation import AugmentationConfig
 from occjax.data.samples import Sample
 from occjax.data.scene_config import SceneConfig
-from occjax.data.sources import mixture, procedural_source, random_views, shares
+from occjax.data.sources import (
+    kept_source,
+    mixture,
+    procedural_source,
+    random_views,
+    shares,
+)
 from occjax.errors import InputError
 from tests.data.scenes import grid
 
@@ -136,6 +142,46 @@ def test_procedural_light_fields_are_augmented_alike_for_the_same_step():
 def test_an_empty_batch_is_refused():
     with pytest.raises(InputError, match="batch_size is 0"):
         procedural_source(SceneConfig(), 0, seed=0)
+
+
+def test_light_fields_that_are_kept_are_those_that_would_be_rendered():
+    config = SceneConfig(image_size=(12, 12), grid=(3, 3), sheets=1, solids=1, rays=1)
+    made = [procedural_source(config, 2, seed=5)(step) for step in range(3)]
+    made = jax.tree.map(lambda *fields: np.concatenate(fields), *made)
+    source, again = (kept_source(config, 5, 2, seed=5) for _ in range(2))
+    seen = set()
+    for step in (3, 0, *range(12)):
+        batch = source(step)
+        jax.tree.map(np.testing.assert_array_equal, batch, again(step))
+        for each in range(2):
+            (number,) = np.flatnonzero(
+                (made.disparity == np.asarray(batch.disparity[each])).all((1, 2))
+            )
+            one, other = (
+                jax.tree.map(lambda field, i=i: np.asarray(field[i]), fields)
+                for fields, i in ((batch, each), (made, number))
+            )
+            np.testing.assert_allclose(one.views, other.views, atol=0.5001 / 255)
+            jax.tree.map(
+                np.testing.assert_array_equal, one._replace(views=0), other._replace(views=0)
+            )
+            seen.add(int(number))
+    assert seen == set(range(5))  # the sixth was rendered with the fifth, but not asked for
+
+
+def test_light_fields_that_are_kept_are_varied_from_step_to_step():
+    config = SceneConfig(image_size=(12, 12), grid=(3, 3), sheets=1, solids=1, rays=1)
+    augmentation = AugmentationConfig(crop=(8, 8))
+    source = kept_source(config, 1, 2, seed=5, augmentation=augmentation)
+    first, second = source(0), source(1)
+    assert first.views.shape == (2, 1, 9, 8, 8)
+    assert not np.array_equal(first.views, second.views)
+    assert not np.array_equal(first.views[0], first.views[1])
+
+
+def test_no_light_fields_to_keep_are_refused():
+    with pytest.raises(InputError, match="at least 1"):
+        kept_source(SceneConfig(), 0, 2, seed=0)
 
 
 def test_views_differ_from_step_to_step_as_often_as_asked():

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.models.volume_convolution import WIDE, VolumeConv, convolve_volume
+from occjax.models.volume_convolution import WIDE, VolumeConv, _at_once, convolve_volume
 
 
 def convolve_by_loops(volume, kernel):
@@ -39,9 +39,10 @@ def draw(*shapes):
     return [jnp.asarray(generator.normal(size=shape), jnp.float32) for shape in shapes]
 
 
+@pytest.mark.parametrize("convolve", [convolve_volume, _at_once], ids=["cpu", "elsewhere"])
 @pytest.mark.parametrize("channels", [(3, 2), (WIDE, 1), (WIDE, WIDE + 1)])
 @pytest.mark.parametrize("size", [(1, 4, 5), (2, 3, 4), (5, 6, 3)])
-def test_value_and_gradients_are_those_in_three_dimensions(size, channels, tolerance):
+def test_value_and_gradients_are_those_in_three_dimensions(size, channels, convolve, tolerance):
     volumes, kernel, weights = draw(
         (2, *size, channels[0]), (3, 3, 3, *channels), (2, *size, channels[1])
     )
@@ -54,13 +55,36 @@ def test_value_and_gradients_are_those_in_three_dimensions(size, channels, toler
 
         return jax.jit(jax.value_and_grad(total, (0, 1), has_aux=True))
 
-    batch = jax.vmap(convolve_volume, (0, None))
+    batch = jax.vmap(convolve, (0, None))
     ((_, value), gradients), ((_, expected), exact) = (
         weighted(convolve)(volumes, kernel) for convolve in (batch, in_three_dimensions)
     )
     for one, other in zip((value, *gradients), (expected, *exact), strict=True):
         scale = float(jnp.abs(other).max())
         np.testing.assert_allclose(one / scale, other / scale, **tolerance("float32"))
+
+
+def test_on_a_gpu_a_batch_is_one_convolution_and_so_is_each_gradient():
+    volumes = jax.ShapeDtypeStruct((2, 5, 6, 7, 12), jnp.bfloat16)
+    kernel = jax.ShapeDtypeStruct((3, 3, 3, 12, 16), jnp.bfloat16)
+
+    def total(volumes, kernel):
+        return jnp.square(jax.vmap(convolve_volume, (0, None))(volumes, kernel)).sum()
+
+    traced = jax.jit(jax.grad(total, (0, 1))).trace(volumes, kernel)
+    text = traced.lower(lowering_platforms=("cuda",)).as_text()
+    lines = [line for line in text.splitlines() if "stablehlo.convolution" in line]
+    # Channels of the volume are padded to 16, those of the three planes are 48.
+    volume, planes, kernels = "10x6x7x16xbf16", "10x6x7x48xbf16", "3x3x16x48xbf16"
+    sides = [line.rsplit(": ", 1)[1] for line in lines]
+    assert sorted(sides) == sorted(
+        f"(tensor<{one}>, tensor<{other}>) -> tensor<{result}>"
+        for one, other, result in (
+            (volume, kernels, planes),
+            (planes, kernels, volume),
+            (volume, planes, kernels),
+        )
+    )
 
 
 def test_gradients_of_half_precision_are_summed_in_single():

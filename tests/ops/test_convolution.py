@@ -5,7 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.ops.convolution import NARROW, convolve_images, kernel_gradient
+from occjax.ops.convolution import (
+    NARROW,
+    PACKED,
+    convolve_images,
+    kernel_gradient,
+    packed_convolution,
+)
 
 
 def by_loops(images, kernel, dilation):
@@ -35,16 +41,17 @@ def gradients_by_loops(images, kernel, weights, dilation):
     return of_images, of_kernel
 
 
+@pytest.mark.parametrize("convolve", [convolve_images, packed_convolution])
 @pytest.mark.parametrize("dilation", [1, 2])
 @pytest.mark.parametrize("size", [(1, 1), (3, 3), (5, 3)])
-def test_value_and_gradients_are_those_of_loops(size, dilation, x64):
+def test_value_and_gradients_are_those_of_loops(size, dilation, convolve, x64):
     generator = np.random.default_rng(1)
     images, kernel, weights = (
         generator.normal(size=shape) for shape in ((2, 5, 4, 2), (*size, 2, 3), (2, 5, 4, 3))
     )
 
     def total(images, kernel):
-        result = convolve_images(images, kernel, dilation)
+        result = convolve(images, kernel, dilation)
         return (weights * result).sum(), result
 
     differentiate = jax.jit(jax.grad(total, (0, 1), has_aux=True))
@@ -54,6 +61,44 @@ def test_value_and_gradients_are_those_of_loops(size, dilation, x64):
         found, gradients_by_loops(images, kernel, weights, dilation), strict=True
     ):
         np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+@pytest.mark.parametrize("width", [8, 9, 2])
+@pytest.mark.parametrize("channels", [PACKED // 2, PACKED // 4, PACKED // 4 + 1, 2 * PACKED])
+def test_pixels_side_by_side_are_convolved_as_one_by_one(channels, width):
+    generator = np.random.default_rng(4)
+    images, kernel = (
+        generator.normal(size=shape) for shape in ((2, 3, width, 3), (3, 3, 3, channels))
+    )
+    for dilation in (1, 2):
+        found = packed_convolution(jnp.asarray(images), jnp.asarray(kernel), dilation)
+        np.testing.assert_allclose(found, by_loops(images, kernel, dilation), atol=1e-5)
+
+
+def test_on_a_gpu_few_channels_lie_side_by_side():
+    images, kernel = (
+        jax.ShapeDtypeStruct(shape, jnp.float32) for shape in ((2, 8, 32, 4), (3, 3, 4, 4))
+    )
+    traced = jax.jit(convolve_images).trace(images, kernel)
+    (line,) = (
+        line
+        for line in traced.lower(lowering_platforms=("cuda",)).as_text().splitlines()
+        if "stablehlo.convolution" in line
+    )
+    assert "(tensor<2x8x2x64xf32>, tensor<3x3x64x64xf32>) -> tensor<2x8x2x64xf32>" in line
+
+
+def test_on_a_gpu_the_kernel_of_a_batch_has_one_gradient():
+    """Taken for one light field at a time it would be a convolution for each of them."""
+    images = jax.ShapeDtypeStruct((5, 2, 8, 8, PACKED), jnp.float32)
+    kernel = jax.ShapeDtypeStruct((3, 3, PACKED, PACKED), jnp.float32)
+
+    def total(kernel, images):
+        return jax.vmap(convolve_images, (0, None))(images, kernel).sum()
+
+    traced = jax.jit(jax.grad(total)).trace(kernel, images)
+    text = traced.lower(lowering_platforms=("cuda",)).as_text()
+    assert "tensor<10x8x8x64xf32>, tensor<10x8x8x64xf32>) -> tensor<3x3x64x64xf32>" in text
 
 
 def test_wide_and_narrow_results_have_the_same_gradient(x64):

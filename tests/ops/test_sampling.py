@@ -183,6 +183,31 @@ def test_shift_and_warp_have_the_same_derivative_at_whole_pixels(tolerance):
     np.testing.assert_allclose(of_shift, (beyond - here) / 0.5, **tolerance("float32"))
 
 
+def test_the_gradient_of_a_shifted_image_scatters_nothing():
+    """Sums in places known only while running are what a GPU is slow at."""
+
+    def total(image, disparity):
+        return jnp.square(shift(image, disparity, jnp.array([1.0, -2.0]))).sum()
+
+    text = jax.jit(jax.grad(total)).lower(IMAGE, jnp.float32(0.3)).as_text()
+    assert "dot_general" in text
+    assert "scatter" not in text
+    # Nor has a derivative in the disparity alone any matrix product.
+    assert "dot_general" not in jax.jit(jax.grad(total, 1)).lower(IMAGE, 0.3).as_text()
+
+
+def test_the_gradient_of_an_image_in_half_precision_is_summed_in_single():
+    """A thousand points see the same pixel."""
+    image = jnp.zeros((2, 1000, 1), jnp.bfloat16)
+    place = -jnp.arange(1000, dtype=jnp.float32)[None].repeat(2, 0)
+
+    def total(image):
+        return warp(image, place, jnp.array([0.0, -1.0])).astype(jnp.float32).sum()
+
+    # All look at the first pixel of their row.
+    np.testing.assert_array_equal(jax.grad(total)(image)[:, 0, 0], [1000.0, 1000.0])
+
+
 def test_vmap_is_a_loop_over_images(tolerance):
     images = np.stack([IMAGE, IMAGE[::-1]])
     disparities = np.stack([DISPARITY, DISPARITY[:, ::-1]])
