@@ -8,7 +8,13 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import NamedTuple
 
-from occjax.models import FeatureConfig, NetworkConfig, Residual
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from occjax.models import FeatureConfig, NetworkConfig, Residual, variable_shapes
+from occjax.models.config import of_kind
 
 
 class Published(NamedTuple):
@@ -85,6 +91,46 @@ def small_form(network: NetworkConfig) -> NetworkConfig:
         ),
         attention_width=4,
     )
+
+
+SCORES = 3e-4
+"""Factor on the random kernel of the last layer of :func:`random_light_field`."""
+
+
+def random_light_field(
+    config: NetworkConfig, height: int, width: int, *, scores: float = SCORES
+) -> tuple[dict, Float[Array, "v u h w"]]:
+    """Random weights and views.
+
+    The scores are scaled to the few units that a trained network has: random ones are thousands,
+    and a pixel at which two candidates tie jumps from one to the other with the last bit, in any
+    order of the sums.
+
+    Args:
+        config: A network of a grid of views.
+        height: Of the views, in pixels.
+        width: Likewise.
+        scores: Factor on the random kernel of the last layer; by default for networks as wide as
+            the published one, narrow ones need more.
+    """
+    generator = np.random.default_rng(0)
+
+    def on_scores(path):
+        return any(getattr(each, "key", None) == "score" for each in path)
+
+    def draw(path, leaf):
+        noise = generator.normal(size=leaf.shape)
+        if path[-1].key == "kernel":
+            noise *= np.sqrt(2 / np.prod(leaf.shape[:-1])) * (scores if on_scores(path) else 1)
+        elif path[-1].key in ("scale", "var"):
+            noise = 0.9 + 0.2 * np.abs(noise)
+        else:
+            noise *= 0.2
+        return jnp.asarray(noise, leaf.dtype)
+
+    variables = jax.tree_util.tree_map_with_path(draw, variable_shapes(config))
+    shape = (*of_kind(config.views, tuple), height, width)
+    return variables, jnp.asarray(generator.uniform(size=shape), jnp.float32)
 
 
 def candidate_numbers(network: NetworkConfig) -> str:

@@ -35,7 +35,6 @@ FORMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "compare_methods": ("-o", "FOLDER"),
         "efficiency_table": (),
         "figures": ("-o", "FOLDER", "--without", "photometric"),
-        "inference_work": (),
         "interval_study": ("FOLDER", "--time"),
         "light_ablation": ("FOLDER",),
         "photometric_robustness": (),

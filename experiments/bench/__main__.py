@@ -56,9 +56,8 @@ from experiments.bench.candidates import (
 from experiments.bench.exchange import inference_problem, training_problem
 from experiments.bench.processes import Timing, check_device, take_turns
 from experiments.command_line import main
-from experiments.inference_work import SCORES
 from experiments.markdown import markdown_table
-from experiments.networks import small_form
+from experiments.networks import SCORES, small_form
 from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.evaluation import bad_pix

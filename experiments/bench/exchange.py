@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from experiments.bench.peers.description import Network, Problem, Stage, Variables
-from experiments.inference_work import SCORES, random_light_field
+from experiments.networks import SCORES, random_light_field
 from occjax.errors import InputError
 from occjax.models import NetworkConfig
 from occjax.models.config import FeatureConfig, Residual, StageConfig, of_kind
@@ -105,7 +105,7 @@ def inference_problem(config: NetworkConfig, size: int, *, scores: float = SCORE
     Args:
         config: A cascade as :func:`describe` takes it.
         size: Height and width of the views, in pixels.
-        scores: As for :func:`experiments.inference_work.random_light_field`.
+        scores: As for :func:`experiments.networks.random_light_field`.
     """
     variables, views = random_light_field(config, size, size, scores=scores)
     truth = np.zeros((1, size, size), np.float32)

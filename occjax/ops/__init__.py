@@ -5,7 +5,6 @@ signs are those of :mod:`occjax.lightfield`.
 """
 
 from occjax.ops.aperture import sector_of
-from occjax.ops.convolved_volume import convolved_coarse_volume
 from occjax.ops.depth import back_project, depth_from_disparity, disparity_from_depth
 from occjax.ops.filtering import box_filter, central_differences, fit_planes, neighbours
 from occjax.ops.geometry import view_offsets
@@ -51,7 +50,6 @@ __all__ = [
     "coarse_volume_means",
     "concatenate",
     "confidence",
-    "convolved_coarse_volume",
     "depth_from_disparity",
     "disparity_from_depth",
     "expected_disparity",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -56,14 +56,24 @@ def convolve_images(
     """
     if not all(size % 2 for size in kernel.shape[:2]):
         raise ValueError(f"a kernel of {kernel.shape[:2]} has no centre; its size must be odd")
-    # Elsewhere XLA's own derivatives: they are convolutions of the whole batch, where those of a
-    # custom rule would be taken for one light field at a time.
-    return jax.lax.platform_dependent(
-        images,
-        kernel,
-        cpu=lambda images, kernel: _on_cpu(images, kernel, dilation),
-        default=lambda images, kernel: packed_convolution(images, kernel, dilation),
-    )
+    return jax.lax.platform_dependent(images, kernel, **_by_platform(dilation))
+
+
+@lru_cache
+def _by_platform(dilation: int) -> dict[str, Callable[[Array, Array], Array]]:
+    """The same functions for the same dilation, or JAX would trace each layer anew.
+
+    Elsewhere than on a CPU the derivatives are XLA's own: they are convolutions of the whole batch,
+    where those of a custom rule would be taken for one light field at a time.
+    """
+
+    def on_cpu(images: Array, kernel: Array) -> Array:
+        return _on_cpu(images, kernel, dilation)
+
+    def elsewhere(images: Array, kernel: Array) -> Array:
+        return packed_convolution(images, kernel, dilation)
+
+    return {"cpu": on_cpu, "default": elsewhere}
 
 
 PACKED = 64

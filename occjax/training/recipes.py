@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.scene_config import TEXTURED, SceneConfig
+from occjax.data.scene_config import TEXTURED, Defects, SceneConfig
 from occjax.errors import InputError
 from occjax.models import NetworkConfig, preset
 from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
@@ -57,12 +57,20 @@ def full() -> Recipe:
     Command: ``occjax train runs/full --recipe full``: 20,000 steps of 32 patches in bfloat16.
     """
     network = preset("occcasnet")
-    optimiser = OptimiserConfig(peak_rate=1e-3, warm_up=500, weight_decay=1e-4, clip=1.0)
+    optimiser = OptimiserConfig(peak_rate=2e-3, warm_up=200, weight_decay=1e-4, clip=1.0)
     loss = LossConfig(distribution=0.1, border=2)
-    return Recipe(
-        TrainConfig(network, loss, optimiser, steps=20_000, precision="bfloat16"),
-        DataConfig(batch_size=32, scenes=_all_views(network, 64), augmentation=_square(48)),
+    scenes = dataclasses.replace(
+        _all_views(network, 64),
+        low_contrast=0.1,
+        textureless=0.03,
+        calm=0.1,
+        defects=Defects(noise=0.3),
     )
+    # Rendered anew for each step, they would take nearly as long as the steps.
+    data = DataConfig(
+        batch_size=32, kept=6000, photographs=True, scenes=scenes, augmentation=_square(32)
+    )
+    return Recipe(TrainConfig(network, loss, optimiser, steps=20_000, precision="bfloat16"), data)
 
 
 def published() -> Recipe:

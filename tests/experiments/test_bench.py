@@ -21,8 +21,7 @@ from experiments.bench.exchange import (
 )
 from experiments.bench.peers.description import load, save
 from experiments.bench.processes import Timing, take_turns
-from experiments.inference_work import SCORES
-from experiments.networks import small_form
+from experiments.networks import SCORES, small_form
 from occjax.errors import InputError
 from occjax.models import OccCasNet, Residual, preset, variable_shapes
 from occjax.models.work import count_flops

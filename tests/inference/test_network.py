@@ -129,20 +129,24 @@ def test_grids_without_attention(grid):
     np.testing.assert_allclose(stripped.disparity, whole.disparity, atol=1e-5)
 
 
-def test_the_coarse_volume_is_not_made_on_a_gpu():
-    config = preset("cas_1")
+def test_on_a_gpu_what_fits_is_computed_whole_and_the_rest_in_larger_strips(monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert rows_of_strip(256, 256, halo=8) == 256
+    assert rows_of_strip(512, 512, halo=8) == 171  # three strips
+    config = preset("cas_2")
 
-    def program(function, height):
-        views = jax.ShapeDtypeStruct((9, 9, height, 14), jnp.float32)
-        traced = jax.jit(function).trace(variable_shapes(config), views)
-        return traced.lower(lowering_platforms=("cuda",)).as_text()
+    def program(height, **options):
+        views = jax.ShapeDtypeStruct((9, 9, height, 16), jnp.float32)
+        run = jax.jit(partial(infer, config=config, **options))
+        lowered = run.trace(variable_shapes(config), views).lower(lowering_platforms=("cuda",))
+        return lowered.as_text()
 
-    assert "9x20x14x324x" in program(OccCasNet(config).apply, 20)
-    assert "9x20x14x324x" not in program(partial(infer, config=config), 20)
-    # So high that a strip does not read the views as a whole. The configured candidates are known
-    # to fit: no branch but that for the platform.
-    whole, strips = (program(partial(infer, config=config, strip_rows=n), 64) for n in (64, 1))
-    assert strips.count("stablehlo.case") == whole.count("stablehlo.case")
+    # The views are registered at once, and once only: no loop over candidates or rows of views.
+    assert "stablehlo.while" not in program(20)
+    assert "9x20x16x324x" in program(20)
+    strips = program(60, strip_rows=20)
+    assert "stablehlo.while" in strips
+    assert "9x60x16x324x" not in strips
 
 
 def test_the_published_network_on_reference_data(shared):
