@@ -45,6 +45,22 @@ def unchecked():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
+@pytest.fixture(params=["cpu", "elsewhere"])
+def platform(request, monkeypatch):
+    """The programs of a CPU, and those of other platforms, which a CPU can run as well.
+
+    What is jitted within the test is compiled for either.
+    """
+    if request.param == "elsewhere":
+        monkeypatch.setattr(
+            jax.lax, "platform_dependent", lambda *arguments, default, **_: default(*arguments)
+        )
+        jax.clear_caches()
+    yield request.param
+    if request.param == "elsewhere":
+        jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def shared():
     """Folder of real light fields and reference activations, for tests that can use them."""

@@ -165,6 +165,10 @@ def _running_sum(image: Array, window: int, axis: int) -> Array:
 
 def _spread(rows: Float[Array, "h m w"], keep: Float[Array, "i w"]) -> Float[Array, "h m w"]:
     """Sum over each column, a value fading by ``keep``, ``[h - 1, w]``, from a row to the next."""
+    return jax.lax.platform_dependent(rows, keep, cpu=_row_by_row, default=_by_halves)
+
+
+def _row_by_row(rows: Array, keep: Array) -> Array:
     none = jnp.zeros_like(keep[:1])
 
     def down(carried, here):
@@ -182,3 +186,20 @@ def _spread(rows: Float[Array, "h m w"], keep: Float[Array, "i w"]) -> Float[Arr
     start = jnp.zeros_like(rows[0])
     above = jax.lax.scan(down, start, (rows, jnp.concatenate([none, keep])))[1]
     return jax.lax.scan(up, start, (rows, jnp.concatenate([keep, none]), above), reverse=True)[1]
+
+
+def _by_halves(rows: Array, keep: Array) -> Array:
+    """The same in as many steps as halving the height leaves, for devices with many processors."""
+    none = jnp.zeros_like(keep[:1])
+
+    def then(first, second):
+        (faded, total), (fading, added) = first, second
+        return faded * fading, added + fading * total
+
+    def carried(rows, keep, *, reverse):
+        kept = jnp.broadcast_to(keep[:, None], rows.shape)
+        return jax.lax.associative_scan(then, (kept, rows), reverse=reverse)[1]
+
+    down = carried(rows, jnp.concatenate([none, keep]), reverse=False)
+    up = carried(rows, jnp.concatenate([keep, none]), reverse=True)
+    return down + (up - rows)

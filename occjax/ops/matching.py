@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from functools import partial
 from typing import Literal, TypeVar
 
 import jax
@@ -238,15 +239,14 @@ def semi_global(
     small = jnp.asarray(small_penalty, costs.dtype)
     large = jnp.asarray(large_penalty, costs.dtype)
     by_row, by_column = jnp.moveaxis(costs, 0, 1), jnp.moveaxis(costs, 2, 0)
-    total = jnp.zeros_like(by_row)
-    for slope in (0, 1, -1):
-        for reverse in (False, True):
-            total = total + _along_rows(by_row, guide, small, large, guide_scale, slope, reverse)
-    total = jnp.moveaxis(total, 1, 0)
-    for reverse in (False, True):
-        path = _along_rows(by_column, guide.T, small, large, guide_scale, 0, reverse)
-        total = total + jnp.moveaxis(path, 0, 2)
-    return total / 8
+
+    def paths(along_rows: Callable) -> Array:
+        down = along_rows(by_row, guide, small, large, guide_scale, (0, 1, -1))
+        across = along_rows(by_column, guide.T, small, large, guide_scale, (0,))
+        return jnp.moveaxis(down, 1, 0) + jnp.moveaxis(across, 0, 2)
+
+    one_by_one, at_once = (partial(paths, each) for each in (_one_by_one, _at_once))
+    return jax.lax.platform_dependent(cpu=one_by_one, default=at_once) / 8
 
 
 def _shift(padded: Array, plane: tuple[Array, np.int32], displacement: Array, margin: int) -> Array:
@@ -286,6 +286,61 @@ def _parts(aperture: Aperture) -> np.ndarray:
     return np.concatenate([np.ones((1, SECTORS)), parts])
 
 
+def _one_by_one(
+    costs: Float[Array, "y d x"],
+    guide: Float[Array, "y x"],
+    small: Array,
+    large: Array,
+    guide_scale: float,
+    slopes: tuple[int, ...],
+) -> Float[Array, "y d x"]:
+    """Sum of the path costs of both directions of each slope, one path after the other.
+
+    Quicker on a CPU, in whose cache the paths of one direction fit.
+    """
+    total = jnp.zeros_like(costs)
+    for slope in slopes:
+        for reverse in (False, True):
+            total = total + _along_rows(costs, guide, small, large, guide_scale, slope, reverse)
+    return total
+
+
+def _at_once(
+    costs: Float[Array, "y d x"],
+    guide: Float[Array, "y x"],
+    small: Array,
+    large: Array,
+    guide_scale: float,
+    slopes: tuple[int, ...],
+) -> Float[Array, "y d x"]:
+    """The same row after row: of few large steps, which is what a GPU is quick at."""
+
+    def both_ways(rows: Array) -> Array:
+        return jnp.stack([rows, rows[::-1]], axis=1)
+
+    step = partial(_arrive, small=small, large=large, guide_scale=guide_scale)
+
+    def row(before: tuple[Array, Array], here: tuple[Array, Array]):
+        paths, guide_before = before
+        cost, guide_here = here
+        moved = [
+            jnp.stack(
+                [
+                    step(paths[n, way], guide_before[way], cost[way], guide_here[way], slope)
+                    for way in range(2)
+                ]
+            )
+            for n, slope in enumerate(slopes)
+        ]
+        paths = jnp.stack(moved)
+        return (paths, guide_here), paths.sum(0)
+
+    guides = both_ways(guide)
+    nothing = jnp.zeros((len(slopes), 2, *costs.shape[1:]), costs.dtype)
+    found = jax.lax.scan(row, (nothing, guides[0]), (both_ways(costs), guides))[1]
+    return found[:, 0] + found[::-1, 1]
+
+
 def _along_rows(
     costs: Array,
     guide: Array,
@@ -296,26 +351,38 @@ def _along_rows(
     reverse: bool,
 ) -> Array:
     """Path costs ``[y, d, x]`` of paths that move one row, and ``slope`` columns, at each step."""
-    beyond = jnp.full((1, costs.shape[2]), jnp.inf, costs.dtype)
+    step = partial(_arrive, small=small, large=large, guide_scale=guide_scale, slope=slope)
 
-    def step(before, here):
-        path, guide_before = before
-        cost, guide_here = here
-        if slope:
-            # A path that enters through the image's side starts there, with nothing accumulated.
-            entry = 0 if slope > 0 else -1
-            path = jnp.roll(path, slope, axis=1).at[:, entry].set(0.0)
-            guide_before = jnp.roll(guide_before, slope)
-        jump = jnp.maximum(
-            small, large * jnp.exp(-jnp.abs(guide_here - guide_before) / guide_scale)
-        )
-        cheapest = least_plane(path)[None]
-        neighbour = jnp.minimum(
-            jnp.concatenate([path[1:], beyond]), jnp.concatenate([beyond, path[:-1]])
-        )
-        arrival = jnp.minimum(jnp.minimum(path, neighbour + small), cheapest + jump[None])
-        path = cost + arrival - cheapest
-        return (path, guide_here), path
+    def row(before, here):
+        path = step(*before, *here)
+        return (path, here[1]), path
 
     start = (jnp.zeros_like(costs[0]), guide[-1] if reverse else guide[0])
-    return jax.lax.scan(step, start, (costs, guide), reverse=reverse)[1]
+    return jax.lax.scan(row, start, (costs, guide), reverse=reverse)[1]
+
+
+def _arrive(
+    path: Float[Array, "d x"],
+    guide_before: Float[Array, " x"],
+    cost: Float[Array, "d x"],
+    guide_here: Float[Array, " x"],
+    slope: int,
+    *,
+    small: Array,
+    large: Array,
+    guide_scale: float,
+) -> Float[Array, "d x"]:
+    """Path costs of a row from those of the row before."""
+    beyond = jnp.full((1, cost.shape[1]), jnp.inf, cost.dtype)
+    if slope:
+        # A path that enters through the image's side starts there, with nothing accumulated.
+        entry = 0 if slope > 0 else -1
+        path = jnp.roll(path, slope, axis=1).at[:, entry].set(0.0)
+        guide_before = jnp.roll(guide_before, slope)
+    jump = jnp.maximum(small, large * jnp.exp(-jnp.abs(guide_here - guide_before) / guide_scale))
+    cheapest = least_plane(path)[None]
+    neighbour = jnp.minimum(
+        jnp.concatenate([path[1:], beyond]), jnp.concatenate([beyond, path[:-1]])
+    )
+    arrival = jnp.minimum(jnp.minimum(path, neighbour + small), cheapest + jump[None])
+    return cost + arrival - cheapest

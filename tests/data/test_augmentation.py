@@ -203,6 +203,7 @@ def test_noise_comes_as_often_as_asked_and_never_when_not():
         assert random_noise(keys[0], sample, **options) is sample
 
 
+@pytest.mark.usefixtures("platform")
 def test_a_batch_is_varied_as_its_samples_are_and_each_otherwise():
     config = AugmentationConfig(crop=(10, 10), shear=1.0)
     sample, _ = disc_before_a_wall(grid(3, 3), size=(14, 15))

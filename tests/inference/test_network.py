@@ -24,6 +24,7 @@ def case():
 
 
 # 37 rows: strips that divide nothing, a single strip, strips thinner than the halo.
+@pytest.mark.usefixtures("platform")
 @pytest.mark.parametrize("rows", [10, 30, 3])
 def test_strips_give_the_whole_image_answer(case, rows):
     variables, views, whole = case

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.models.volume_convolution import WIDE, VolumeConv, _at_once, convolve_volume
+from occjax.models.volume_convolution import WIDE, VolumeConv, convolve_volume
 
 
 def convolve_by_loops(volume, kernel):
@@ -39,10 +39,10 @@ def draw(*shapes):
     return [jnp.asarray(generator.normal(size=shape), jnp.float32) for shape in shapes]
 
 
-@pytest.mark.parametrize("convolve", [convolve_volume, _at_once], ids=["cpu", "elsewhere"])
+@pytest.mark.usefixtures("platform")
 @pytest.mark.parametrize("channels", [(3, 2), (WIDE, 1), (WIDE, WIDE + 1)])
 @pytest.mark.parametrize("size", [(1, 4, 5), (2, 3, 4), (5, 6, 3)])
-def test_value_and_gradients_are_those_in_three_dimensions(size, channels, convolve, tolerance):
+def test_value_and_gradients_are_those_in_three_dimensions(size, channels, tolerance):
     volumes, kernel, weights = draw(
         (2, *size, channels[0]), (3, 3, 3, *channels), (2, *size, channels[1])
     )
@@ -55,7 +55,7 @@ def test_value_and_gradients_are_those_in_three_dimensions(size, channels, convo
 
         return jax.jit(jax.value_and_grad(total, (0, 1), has_aux=True))
 
-    batch = jax.vmap(convolve, (0, None))
+    batch = jax.vmap(convolve_volume, (0, None))
     ((_, value), gradients), ((_, expected), exact) = (
         weighted(convolve)(volumes, kernel) for convolve in (batch, in_three_dimensions)
     )

@@ -32,7 +32,7 @@ def test_box_filter_treats_stacked_maps_one_by_one(tolerance):
     np.testing.assert_allclose(box_filter(stack, 2), expected, **tolerance("float32"))
 
 
-@pytest.mark.usefixtures("x64")
+@pytest.mark.usefixtures("x64", "platform")
 @pytest.mark.parametrize("passes", [1, 2])
 def test_fit_planes_solves_the_weighted_least_squares_of_each_neighbourhood(passes):
     values, weights = _random(5, 6), 0.1 + _random(5, 6, seed=1)
@@ -57,7 +57,7 @@ def test_fit_planes_does_not_reach_across_an_edge_of_the_guide():
     np.testing.assert_allclose(fitted, step, atol=1e-4)
 
 
-@pytest.mark.usefixtures("x64")
+@pytest.mark.usefixtures("x64", "platform")
 def test_derivatives_agree_with_finite_differences():
     rng = np.random.default_rng(0)
     arrays = rng.random((4, 5)), rng.random((4, 5))

@@ -79,6 +79,7 @@ def test_one_view_alone_is_an_input_error():
         aperture_costs(jnp.zeros((1, 1, 4, 4, 1)), jnp.zeros(3), truncation=jnp.ones(1))
 
 
+@pytest.mark.usefixtures("platform")
 @pytest.mark.parametrize("shape", [(4, 5, 6), (3, 1, 5)])
 def test_semi_global_follows_the_recursion_along_eight_paths(shape, tolerance):
     costs, guide = _random(*shape), _random(*shape[1:], seed=1)
