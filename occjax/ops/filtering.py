@@ -189,7 +189,10 @@ def _row_by_row(rows: Array, keep: Array) -> Array:
 
 
 def _by_halves(rows: Array, keep: Array) -> Array:
-    """The same in as many steps as halving the height leaves, for devices with many processors."""
+    """The same in as many steps as the height can be halved, for devices with many processors.
+
+    On a CPU nearly four times as slow.
+    """
     none = jnp.zeros_like(keep[:1])
 
     def then(first, second):
