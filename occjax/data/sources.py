@@ -93,7 +93,8 @@ def kept_source(
         The source.
 
     Raises:
-        InputError: If there are no light fields to keep or to draw.
+        InputError: If there are no light fields to keep or to draw; when called, if there is no
+            memory for them.
     """
     check_batch_size(batch_size)
     if count < 1:
@@ -109,7 +110,14 @@ def kept_source(
             return _rendered(root, jnp.uint32(step), textures, config=config, batch_size=batch_size)
 
         like = jax.eval_shape(lambda: _in_bytes(make(0)))
-        held = jax.tree.map(lambda field: jnp.zeros((batches, *field.shape), field.dtype), like)
+        try:
+            held = jax.tree.map(lambda field: jnp.zeros((batches, *field.shape), field.dtype), like)
+        except jax.errors.JaxRuntimeError as error:
+            size = batches * sum(field.size * field.dtype.itemsize for field in like)
+            raise InputError(
+                f"{count} light fields to keep take {size / 1e9:.0f} GB, which the device has not; "
+                "keep fewer"
+            ) from error
         for step in tqdm(range(batches), desc="light fields", unit="batch", disable=None):
             held = _with_batch(held, make(step), step)
         return held

@@ -43,8 +43,8 @@ from occjax.ops.minimal_filtering import READ, ROWS
 STRIP_PIXELS = 3 * 2**14
 """Pixels of a strip, halo included: ``occcasnet`` then needs less than four gigabytes."""
 
-STRIP_PIXELS_OF_ACCELERATOR = 2**17
-"""The same in the memory of a GPU, in bfloat16 less than eight: there is less to read twice."""
+STRIP_PIXELS_OF_ACCELERATOR = 2**18
+"""The same on a GPU, divided by the bytes of a number: larger strips read less of it twice."""
 
 
 def infer(
@@ -89,7 +89,7 @@ def infer(
     if config.views is None:
         outputs = network.apply(variables, views, candidates=candidates, offsets=offsets)
         return of_kind(outputs, tuple)
-    if strip_rows is None and _is_whole(views.shape[2:], config):
+    if strip_rows is None and _is_whole(views.shape[2:], config, dtype):
         outputs = network.apply(variables, views, candidates=candidates, ground_truth=ground_truth)
         return of_kind(outputs, tuple)
 
@@ -119,38 +119,46 @@ def infer(
             in_rows = _in_rows(variables, config, index, volume, attention)
             compute = _by_platform(cpu=in_rows, default=compute)
         halo = of_kind(stage.aggregation, Residual).halo
-        rows = strip_rows or rows_of_strip(views.shape[2], views.shape[3], halo)
+        rows = strip_rows or rows_of_strip(views.shape[2], views.shape[3], halo, dtype)
         scores = _in_strips(compute, height=views.shape[2], rows=rows, halo=halo)
         done.append(stage_output(scores, values, before, attention, maps))
     return tuple(done)
 
 
-def rows_of_strip(height: int, width: int, halo: int) -> int:
+def rows_of_strip(height: int, width: int, halo: int, dtype: DTypeLike = jnp.float32) -> int:
     """Rows computed at a time, so that strips are even and none has too many pixels.
 
-    That is STRIP_PIXELS, or if JAX's default is another device STRIP_PIXELS_OF_ACCELERATOR.
+    Too many are more than STRIP_PIXELS or, if JAX's default device is no CPU, than
+    STRIP_PIXELS_OF_ACCELERATOR by the bytes of a number.
 
     Args:
         height: Of the centre view, in pixels.
         width: Likewise.
         halo: Rows read on either side.
+        dtype: Type of the convolutions.
 
     Returns:
         The height, if that many pixels make one strip; one at least.
     """
-    on_cpu = jax.default_backend() == "cpu"
-    read = (STRIP_PIXELS if on_cpu else STRIP_PIXELS_OF_ACCELERATOR) // width
+    most = STRIP_PIXELS_OF_ACCELERATOR // jnp.dtype(dtype).itemsize
+    read = (STRIP_PIXELS if _is_on_cpu() else most) // width
     if height <= read:
         return height
     strips = math.ceil(height / max(1, read - 2 * halo))
     return math.ceil(height / strips)
 
 
-def _is_whole(size: tuple[int, ...], config: NetworkConfig) -> bool:
-    """Whether an accelerator has the memory for volumes that are made at once, and once only."""
+def _is_whole(size: tuple[int, ...], config: NetworkConfig, dtype: DTypeLike) -> bool:
+    """Whether the image is one strip of an accelerator, whose volumes are made at once."""
     halos = [of_kind(stage.aggregation, Residual).halo for stage in config.stages]
-    one_strip = rows_of_strip(size[0], size[1], max(halos)) == size[0]
-    return jax.default_backend() != "cpu" and one_strip
+    one_strip = rows_of_strip(size[0], size[1], max(halos), dtype) == size[0]
+    return one_strip and not _is_on_cpu()
+
+
+def _is_on_cpu() -> bool:
+    """Whether JAX computes on a CPU unless it is told otherwise."""
+    device = getattr(jax.config, "jax_default_device", None)  # as a context has set it
+    return (getattr(device, "platform", device) or jax.default_backend()) == "cpu"
 
 
 def _offsets(network: OccCasNet, before: Array | None) -> Float[Array, "v u 2"]:

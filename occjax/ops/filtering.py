@@ -169,7 +169,7 @@ def _spread(rows: Float[Array, "h m w"], keep: Float[Array, "i w"]) -> Float[Arr
 
 
 def _row_by_row(rows: Array, keep: Array) -> Array:
-    none = jnp.zeros_like(keep[:1])
+    none = jnp.zeros_like(rows[:1, 0])
 
     def down(carried, here):
         row, kept = here
@@ -193,7 +193,7 @@ def _by_halves(rows: Array, keep: Array) -> Array:
 
     On a CPU nearly four times as slow.
     """
-    none = jnp.zeros_like(keep[:1])
+    none = jnp.zeros_like(rows[:1, 0])
 
     def then(first, second):
         (faded, total), (fading, added) = first, second

@@ -44,7 +44,8 @@ def shift(
     """Bring a view into register with the centre view, for one disparity of the whole image.
 
     ``result[y, x] = image(y - disparity * offset[0], x - disparity * offset[1])``, bilinear, where
-    taps outside the image read zero.
+    taps outside the image read zero. The derivative in the image is made of matrix products of its
+    rows and columns, so that one value of it that is not finite spoils all of its channel.
 
     Args:
         image: ``[h, w, c]`` view or feature map.

@@ -184,6 +184,12 @@ def test_no_light_fields_to_keep_are_refused():
         kept_source(SceneConfig(), 0, 2, seed=0)
 
 
+def test_more_light_fields_than_there_is_memory_for_are_told():
+    source = kept_source(SceneConfig(image_size=(12, 12), grid=(3, 3), rays=1), 10**13, 2, seed=0)
+    with pytest.raises(InputError, match=r"to keep take \d+ GB, which the device has not"):
+        source(0)
+
+
 def test_views_differ_from_step_to_step_as_often_as_asked():
     images = np.zeros((2, 5, 5, 2, 2), np.float32)
     offsets = np.stack([grid(5, 5)] * 2)

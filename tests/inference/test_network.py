@@ -133,7 +133,10 @@ def test_grids_without_attention(grid):
 def test_on_a_gpu_what_fits_is_computed_whole_and_the_rest_in_larger_strips(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert rows_of_strip(256, 256, halo=8) == 256
-    assert rows_of_strip(512, 512, halo=8) == 171  # three strips
+    assert rows_of_strip(512, 512, halo=8) == 103  # five strips
+    assert rows_of_strip(512, 512, 8, jnp.bfloat16) == 171  # three
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert rows_of_strip(256, 256, halo=8) < 256
     config = preset("cas_2")
 
     def program(height, **options):

@@ -51,6 +51,16 @@ def test_fit_planes_keeps_a_plane_whose_weights_lie_unevenly():
     np.testing.assert_allclose(fitted, plane, atol=2e-3)
 
 
+@pytest.mark.usefixtures("platform")
+@pytest.mark.parametrize("size", [(1, 6), (6, 1), (1, 1)])
+def test_fit_planes_of_a_single_row_or_column(size):
+    values, weights = _random(*size), 0.1 + _random(*size, seed=1)
+    guides = _random(1, *size, seed=2)
+    fitted = fit_planes(values, weights, guides, radius=3.0, ridge=1e-2)
+    expected = reference.fit_planes(*map(np.asarray, (values, weights, guides)), 3.0, 1e-2, 2)
+    np.testing.assert_allclose(fitted, expected, atol=1e-4)
+
+
 def test_fit_planes_does_not_reach_across_an_edge_of_the_guide():
     step = jnp.repeat(jnp.array([0.0, 1.0]), 12)[None].repeat(20, 0)
     fitted = fit_planes(step, jnp.ones_like(step), 20.0 * step[None], radius=8.0)
