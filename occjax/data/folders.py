@@ -12,12 +12,12 @@ from threading import Lock
 
 import numpy as np
 
-from occjax.data.augmentation import AugmentationConfig, augment_batch
+from occjax.data.augmentation import AugmentationConfig
 from occjax.data.host import numpy_sample, stack_samples, to_device
 from occjax.data.published_augmentation import published_sample
 from occjax.data.samples import Sample
 from occjax.data.scenes import Scene
-from occjax.data.sources import Source, check_batch_size, step_keys
+from occjax.data.sources import Source, check_batch_size, vary
 from occjax.errors import InputError
 from occjax.lightfield import GREY_WEIGHTS
 
@@ -60,9 +60,7 @@ def folder_source(
 
     def source(step: int) -> Sample:
         batch = to_device(windows(step))
-        if augmentation is None:
-            return batch
-        return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
+        return vary(batch, augmentation, seed, step)
 
     return source
 

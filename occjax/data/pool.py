@@ -23,12 +23,12 @@ from jaxtyping import Array, Float
 from tqdm import tqdm
 
 import occjax
-from occjax.data.augmentation import AugmentationConfig, augment_batch
+from occjax.data.augmentation import AugmentationConfig
 from occjax.data.generator import generate
 from occjax.data.host import numpy_sample, stack_samples, to_device
 from occjax.data.samples import Sample
 from occjax.data.scene_config import SceneConfig
-from occjax.data.sources import Source, check_batch_size, step_keys
+from occjax.data.sources import Source, check_batch_size, vary
 from occjax.data.views import Selection, select_views
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path, check_writable
@@ -126,9 +126,7 @@ def pool_source(
             for epoch, place in turns
         ]
         batch = to_device(stack_samples(samples))
-        if augmentation is None:
-            return batch
-        return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
+        return vary(batch, augmentation, seed, step)
 
     return source
 

@@ -58,9 +58,7 @@ def procedural_source(
         batch = _rendered(
             jax.random.key(seed), jnp.uint32(step), textures, config=config, batch_size=batch_size
         )
-        if augmentation is None:
-            return batch
-        return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
+        return vary(batch, augmentation, seed, step)
 
     return source
 
@@ -96,20 +94,14 @@ def kept_source(
         InputError: If there are no light fields to keep or to draw; when called, if there is no
             memory for them.
     """
-    check_batch_size(batch_size)
     if count < 1:
         raise InputError(f"light fields to keep: {count}; there must be at least 1")
-    textures = None if photographs is None else jnp.asarray(photographs)
+    rendered = procedural_source(config, batch_size, seed, photographs=photographs)
 
     @lru_cache(maxsize=1)
     def kept() -> Sample:
-        root = jax.random.key(seed)
         batches = -(-count // batch_size)
-
-        def make(step: int) -> Sample:
-            return _rendered(root, jnp.uint32(step), textures, config=config, batch_size=batch_size)
-
-        like = jax.eval_shape(lambda: _in_bytes(make(0)))
+        like = jax.eval_shape(lambda: _in_bytes(rendered(0)))
         try:
             held = jax.tree.map(lambda field: jnp.zeros((batches, *field.shape), field.dtype), like)
         except jax.errors.JaxRuntimeError as error:
@@ -119,15 +111,13 @@ def kept_source(
                 "keep fewer"
             ) from error
         for step in tqdm(range(batches), desc="light fields", unit="batch", disable=None):
-            held = _with_batch(held, make(step), step)
+            held = _with_batch(held, rendered(step), step)
         return held
 
     def source(step: int) -> Sample:
         drawn = np.random.default_rng((seed, step)).integers(count, size=batch_size)
         batch = _drawn(kept(), drawn.astype(np.int32))
-        if augmentation is None:
-            return batch
-        return augment_batch(step_keys(seed, step, batch_size), batch, augmentation)
+        return vary(batch, augmentation, seed, step)
 
     return source
 
@@ -255,6 +245,24 @@ def step_keys(seed: int, step: int, batch_size: int) -> Key[Array, " b"]:
     # Apart from the keys that light fields of the same seed are rendered with.
     key = jax.random.fold_in(jax.random.key(seed), 2**32 - 1)
     return jax.random.split(jax.random.fold_in(key, step), batch_size)
+
+
+def vary(batch: Sample, augmentation: AugmentationConfig | None, seed: int, step: int) -> Sample:
+    """A batch as a source gives it in a step: varied, or as it is.
+
+    Args:
+        batch: The samples.
+        augmentation: How they are varied; None for not at all.
+        seed: Of the source.
+        step: Number of the step.
+
+    Returns:
+        The batch.
+    """
+    if augmentation is None:
+        return batch
+    keys = step_keys(seed, step, batch.disparity.shape[0])
+    return augment_batch(keys, batch, augmentation)
 
 
 def check_batch_size(batch_size: int) -> None:

@@ -56,15 +56,12 @@ class Aggregation(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(
-        self, volume: Float[Array, "d h w c"], *, train: bool, convolved: bool = False
-    ) -> Float[Array, "d h w"]:
+    def __call__(self, volume: Float[Array, "d h w c"], *, train: bool) -> Float[Array, "d h w"]:
         """Scores; the higher, the likelier the candidate.
 
         Args:
             volume: ``[d, h, w, c]``.
             train: Normalise by batch statistics.
-            convolved: Whether the volume has gone through the first convolution.
         """
 
         def conv(x, name):
@@ -79,7 +76,7 @@ class Aggregation(nn.Module):
         def conv_norm(x, name):
             return norm(conv(x, name), name)
 
-        x = nn.relu(norm(volume if convolved else conv(volume, "conv_0"), "conv_0"))
+        x = nn.relu(conv_norm(volume, "conv_0"))
         x = nn.relu(conv_norm(x, "conv_1"))
         for pair in range(self.config.pairs):
             residual = nn.relu(conv_norm(x, f"pair_{pair}_conv_0"))

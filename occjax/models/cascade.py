@@ -242,7 +242,6 @@ class OccCasNet(nn.Module):
         attention: Float[Array, "v u"] | None,
         *,
         train: bool = False,
-        convolved: bool = False,
     ) -> Float[Array, "d h w"]:
         """Scores of a stage's candidates from its volume, its views weighted by attention.
 
@@ -251,29 +250,15 @@ class OccCasNet(nn.Module):
             volume: ``[d, h, w, k]``.
             attention: ``[v, u]`` weight of each view; None for one.
             train: Normalise by batch statistics.
-            convolved: Whether the volume has gone through the first convolution, and so has no
-                views any more.
 
         Returns:
             ``[d, h, w]``; the higher, the likelier the candidate.
         """
         if attention is not None:
-            per_channel = self._per_channel(attention)
+            channels = of_kind(self.config.features, FeatureConfig).channels
+            per_channel = jnp.repeat(attention.reshape(-1), channels)
             volume = volume * per_channel.astype(volume.dtype)[None, None, None]
-        return self.aggregation[self._part(index)](volume, train=train, convolved=convolved)
-
-    def first_kernel(
-        self, index: int, attention: Float[Array, "v u"] | None
-    ) -> Float[Array, "3 3 3 n k"]:
-        """Kernel of the first convolution of a stage's volume, times the weight of each view."""
-        kernel = self.aggregation[self._part(index)].variables["params"]["conv_0"]["kernel"]
-        if attention is not None:
-            kernel = kernel * self._per_channel(attention)[None, None, None, :, None]
-        return kernel
-
-    def _per_channel(self, attention: Float[Array, "v u"]) -> Float[Array, " n"]:
-        channels = of_kind(self.config.features, FeatureConfig).channels
-        return jnp.repeat(attention.reshape(-1), channels)
+        return self.aggregation[self._part(index)](volume, train=train)
 
     def _part(self, index: int) -> int:
         return 0 if self.config.shared_aggregation else index

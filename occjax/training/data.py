@@ -16,13 +16,7 @@ from occjax.data.photographs import load_photographs
 from occjax.data.pool import pool_source
 from occjax.data.scene_config import SceneConfig
 from occjax.data.scenes import load_scenes
-from occjax.data.sources import (
-    Source,
-    kept_source,
-    mixture,
-    procedural_source,
-    random_views,
-)
+from occjax.data.sources import Source, kept_source, mixture, procedural_source, random_views
 from occjax.data.views import Selection
 from occjax.errors import InputError
 from occjax.models import NetworkConfig

@@ -108,7 +108,7 @@ def test_a_grid_of_another_size_is_refused():
 
 @pytest.mark.parametrize("factor", [1.0, 2.5])
 def test_other_candidates_also_those_that_differ_by_more(factor):
-    """In strips only the rows that candidates as far apart as configured can read are convolved."""
+    """A strip reads whatever rows of the views its candidates ask for, configured or not."""
     (stage, _), views = CONFIG.stages, jax.random.uniform(jax.random.key(2), (3, 3, 41, 9))
     config = preset("tiny", stages=(stage,))
     variables = random_variables(config)
