@@ -59,6 +59,8 @@ class Camera:
         stage.cycles.caustics_reflective = stage.cycles.caustics_refractive = False
         stage.cycles.blur_glossy = 0.5
         stage.cycles.sample_clamp_indirect = 3.0
+        # Blender's dither is the same in all views: a texture of disparity zero.
+        stage.render.dither_intensity = 0.0
         stage.view_settings.view_transform = "AgX"
         stage.view_settings.look = "AgX - Medium High Contrast"
         self._size = image_size
