@@ -3,8 +3,8 @@
 The steps, each a function of :mod:`occjax.ops`:
 
 1. brightness by the centre view's own white, so that exposure and bit depth do not matter;
-2. costs of all candidates from grey values and their gradients, best part of the aperture, without
-   the favour that noise does to candidates between pixels;
+2. costs of all candidates from grey and its derivatives, best part of the aperture, without the
+   favour that noise does to candidates between pixels;
 3. semi-global aggregation guided by the centre view, which carries disparity across untextured
    regions and stops at edges;
 4. the cheapest candidate, to a fraction of the spacing by a parabola through its neighbours;
@@ -23,14 +23,13 @@ from jaxtyping import Array, Float
 from occjax.errors import InputError
 from occjax.lightfield import GREY_WEIGHTS
 from occjax.ops import (
-    aperture_costs,
-    central_differences,
     cheapest,
     confidence,
+    grey_costs,
     median_filter,
-    noise_level,
     occlusion_maps,
     refine_disparity,
+    refinement_features,
     semi_global,
 )
 from occjax.ops.brightness import WHITE, vignetted, white_level
@@ -138,16 +137,12 @@ def photometric(
     original = _grey(views)
     grey = original * (WHITE / white_level(original[v // 2, u // 2]))
     centre = grey[v // 2, u // 2]
-    truncation = jnp.array(
-        [config.grey_truncation, config.gradient_truncation, config.gradient_truncation], dtype
-    )
-    features = _grey_and_gradients(grey)
-    # A central difference, half of that of two pixels, has half the variance.
-    noise = noise_level(grey, candidates, offsets=offsets) * jnp.sqrt(
-        jnp.array([1, 0.5, 0.5], dtype)
-    )
-    costs = aperture_costs(
-        features, candidates, truncation=truncation, noise=noise, offsets=offsets
+    costs = grey_costs(
+        grey,
+        candidates,
+        grey_truncation=config.grey_truncation,
+        derivative_truncation=config.gradient_truncation,
+        offsets=offsets,
     )
     costs = jnp.where(vignetted(centre, config.darkness), 0.0, costs)
     spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
@@ -160,7 +155,7 @@ def photometric(
     )
     coarse = median_filter(cheapest(costs, candidates))
     disparity = refine_disparity(
-        features[..., 1:],
+        refinement_features(grey, coarse, offsets=offsets),
         coarse,
         centre,
         offsets=offsets,
@@ -180,13 +175,3 @@ def _grey(views: Array) -> Array:
     if views.shape[-1] == 1:
         return views[..., 0]
     return jnp.tensordot(views, jnp.array(GREY_WEIGHTS, views.dtype), 1, precision="highest")
-
-
-def _grey_and_gradients(grey: Array) -> Array:
-    """``[v, u, h, w, 3]`` grey and its central differences along x and y, borders replicated.
-
-    Derivatives do not see vignetting and the broad part of highlights, and are what tells weakly
-    textured surfaces apart.
-    """
-    along_y, along_x = central_differences(grey)
-    return jnp.stack([grey, along_x, along_y], axis=-1)

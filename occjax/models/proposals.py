@@ -20,11 +20,10 @@ from jaxtyping import Array, Float, Float16
 
 from occjax.models.config import DerivativeFeatures, NetworkConfig, SemiGlobalConfig, of_kind
 from occjax.ops.brightness import vignetted
-from occjax.ops.filtering import box_filter, central_differences, neighbours
-from occjax.ops.matching import aperture_costs, semi_global
-from occjax.ops.noise import noise_level
+from occjax.ops.filtering import box_filter, neighbours
+from occjax.ops.matching import grey_costs, semi_global
 from occjax.ops.planes import greatest_plane, least_plane, softmax_planes
-from occjax.ops.refinement import median_filter, refine_disparity
+from occjax.ops.refinement import median_filter, refine_disparity, refinement_features
 from occjax.ops.regression import cheapest, confidence
 from occjax.ops.resolution import blocks, double, halve, unblocked
 from occjax.ops.sectors import (
@@ -72,11 +71,6 @@ class GreyViews(NamedTuple):
         """The centre view."""
         v, u = self.views.shape[:2]
         return self.views[v // 2, u // 2]
-
-    @property
-    def derivatives(self) -> Float[Array, "v u h w 2"]:
-        """They do not see vignetting and the broad part of highlights."""
-        return jnp.stack(central_differences(self.views), axis=-1)
 
     @property
     def detail(self) -> Float[Array, "v u h w"]:
@@ -133,19 +127,12 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
     """
     compared = of_kind(config.features, DerivativeFeatures)
     prior = of_kind(config.stages[0].semi_global, SemiGlobalConfig)
-    derivative, dtype = compared.derivative_truncation, grey.views.dtype
     grey = GreyViews(halve(grey.views), grey.offsets)
-    in_its_pixels = candidates / 2
-    noise = noise_level(grey.views, in_its_pixels, offsets=grey.offsets)
-    # A central difference, half of that of two pixels, has half the variance.
-    noise = noise * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], dtype))
-    truncation = jnp.array([compared.grey_truncation, derivative, derivative], dtype)
-    costs = aperture_costs(
-        jnp.concatenate([grey.views[..., None], grey.derivatives], axis=-1),
-        in_its_pixels,
-        # Where noise alone is beyond it, all candidates would be alike.
-        truncation=jnp.hypot(truncation, noise),
-        noise=noise,
+    costs = grey_costs(
+        grey.views,
+        candidates / 2,  # in pixels of half resolution
+        grey_truncation=compared.grey_truncation,
+        derivative_truncation=compared.derivative_truncation,
         offsets=grey.offsets,
     )
     aggregated = semi_global(
@@ -174,9 +161,10 @@ def refine(
     Returns:
         ``[h, w]`` disparity.
     """
+    disparity = double(median_filter(found.disparity))
     return refine_disparity(
-        grey.derivatives,
-        double(median_filter(found.disparity)),
+        refinement_features(grey.views, disparity, offsets=grey.offsets),
+        disparity,
         grey.centre,
         offsets=grey.offsets,
         steps=config.stages[1].plane_steps,

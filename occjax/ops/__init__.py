@@ -8,11 +8,11 @@ from occjax.ops.aperture import sector_of
 from occjax.ops.depth import back_project, depth_from_disparity, disparity_from_depth
 from occjax.ops.filtering import box_filter, central_differences, fit_planes, neighbours
 from occjax.ops.geometry import view_offsets
-from occjax.ops.matching import aperture_costs, sector_sums, semi_global
-from occjax.ops.noise import noise_level
+from occjax.ops.matching import aperture_costs, grey_costs, sector_sums, semi_global
+from occjax.ops.noise import blank_correlation, noise_level
 from occjax.ops.normals import surface_normals
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
-from occjax.ops.refinement import median_filter, refine_disparity
+from occjax.ops.refinement import median_filter, refine_disparity, refinement_features
 from occjax.ops.regression import (
     Confidence,
     cheapest,
@@ -43,6 +43,7 @@ __all__ = [
     "SectorCosts",
     "aperture_costs",
     "back_project",
+    "blank_correlation",
     "box_filter",
     "central_differences",
     "cheapest",
@@ -55,6 +56,7 @@ __all__ = [
     "expected_disparity",
     "fit_planes",
     "geman_mcclure",
+    "grey_costs",
     "group_correlation",
     "mean_and_variance",
     "median_filter",
@@ -66,6 +68,7 @@ __all__ = [
     "refine_disparity",
     "refined_sector_costs",
     "refined_volume",
+    "refinement_features",
     "sector_channels",
     "sector_of",
     "sector_sums",

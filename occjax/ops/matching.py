@@ -22,8 +22,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.ops.aperture import SECTORS, views_around
-from occjax.ops.filtering import box_filter
-from occjax.ops.noise import expected_departure, interpolation_gain
+from occjax.ops.filtering import box_filter, central_differences
+from occjax.ops.noise import (
+    blank_correlation,
+    expected_departure,
+    interpolation_gain,
+    noise_level,
+)
 from occjax.ops.planes import least_plane
 from occjax.ops.sampling import as_coordinates, as_images
 
@@ -38,6 +43,7 @@ def sector_sums(
     truncation: Float[Array, " c"],
     combine: Callable[[Float[Array, "8 h w"], Float[Array, " 8"]], T],
     noise: Float[Array, " c"] | None = None,
+    correlation: Float[Array, "c 2"] | None = None,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> T:
     """Truncated absolute differences to the centre view, summed in each sector of the aperture.
@@ -53,10 +59,13 @@ def sector_sums(
             highlights and occluders are not followed.
         combine: What to keep of one candidate, given the sums ``[8, h, w]`` of ``e_k`` and the
             number ``[8]`` of views in each sector (:func:`occjax.ops.sector_of`).
-        noise: ``[c]`` standard deviation of each feature's noise, independent from pixel to pixel.
-            To each ``|feature_k - feature_centre|`` it adds what the mean difference lost because
-            view k was read between pixels, which averages noise; without it, noisy images favour
-            the candidates that read between pixels.
+        noise: ``[c]`` standard deviation of each feature's noise. To each
+            ``|feature_k - feature_centre|`` it adds what the mean difference lost because view k
+            was read between pixels, which averages noise; without it, noisy images favour the
+            candidates that read between pixels.
+        correlation: ``[c, 2]`` of each feature's noise at neighbouring pixels ``(down a column,
+            along a row)``, for example :func:`blank_correlation`; none by default. The more alike
+            they are, the less is averaged.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -92,10 +101,12 @@ def sector_sums(
     nothing = jnp.zeros((h, w), features.dtype)
     if noise is None:
         noise = jnp.zeros_like(truncation)
+    if correlation is None:
+        correlation = jnp.zeros((c, 2), truncation.dtype)
 
     @jax.checkpoint
     def plane(candidate):
-        averaged = _averaged_noise(noise, truncation, candidate * displacements)
+        averaged = _averaged_noise(noise, truncation, candidate * displacements, correlation)
 
         def add_view(sums, step):
             view, sector, displacement, scale, averaged = step
@@ -123,6 +134,7 @@ def aperture_costs(
     truncation: Float[Array, " c"],
     aperture: Aperture = "quarter",
     noise: Float[Array, " c"] | None = None,
+    correlation: Float[Array, "c 2"] | None = None,
     radius: int = 1,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
@@ -137,6 +149,7 @@ def aperture_costs(
         truncation: ``[c]`` difference of each feature that counts as "something else".
         aperture: What is compared beside the whole aperture: its eight halves or eight quarters.
         noise: ``[c]`` standard deviation of each feature's noise, as for :func:`sector_sums`.
+        correlation: ``[c, 2]`` of it at neighbouring pixels, likewise.
         radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
             in pixels; without it noise makes the choice.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
@@ -160,8 +173,64 @@ def aperture_costs(
         candidates,
         truncation=truncation,
         noise=noise,
+        correlation=correlation,
         offsets=offsets,
         combine=lambda sums, numbers: best_part(box_filter(sums, radius), numbers, aperture),
+    )
+
+
+def grey_costs(
+    views: Float[Array, "v u h w"],
+    candidates: Float[Array, " d"],
+    *,
+    grey_truncation: float,
+    derivative_truncation: float,
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> Float[Array, "d h w"]:
+    """:func:`aperture_costs` of grey and its derivatives, by what the views show of their noise.
+
+    Derivatives do not see vignetting and the broad part of highlights, and are what tells weakly
+    textured surfaces apart. Noise is allowed for: where it alone is beyond a truncation, all
+    candidates would be alike, so that the truncation is the root of the sum of squares of both.
+
+    Args:
+        views: ``[v, u, h, w]`` grey views.
+        candidates: ``[d]`` disparities, pixels per view step.
+        grey_truncation: Difference of grey that counts as "something else".
+        derivative_truncation: The same of its derivatives, per pixel.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+
+    Returns:
+        ``[d, h, w]`` costs in [0, 1].
+
+    Raises:
+        InputError: If there is no view beside the centre view, or for integer views.
+
+    Example:
+        >>> ramp = jnp.tile(jnp.arange(8.0)[None, :, None], (8, 1, 1))
+        >>> views = jnp.stack([ramp - 1.0, ramp, ramp + 1.0])[None, ..., 0]  # disparity 1
+        >>> options = {"grey_truncation": 4.0, "derivative_truncation": 1.0}
+        >>> costs = grey_costs(views, jnp.array([-1.0, 0.0, 1.0]), **options)
+        >>> costs[:, 4, 4].argmin().tolist()
+        2
+    """
+    v, u = views.shape[:2]
+    features = jnp.stack([views, *central_differences(views)], axis=-1)
+    # A central difference, half of that of two pixels, has half the variance.
+    noise = noise_level(views, candidates, offsets=offsets) * jnp.sqrt(
+        jnp.array([1.0, 0.5, 0.5], views.dtype)
+    )
+    truncation = jnp.array(
+        [grey_truncation, derivative_truncation, derivative_truncation], views.dtype
+    )
+    return aperture_costs(
+        features,
+        candidates,
+        truncation=jnp.hypot(truncation, noise),
+        noise=noise,
+        correlation=jax.vmap(blank_correlation, in_axes=-1)(features[v // 2, u // 2]),
+        offsets=offsets,
     )
 
 
@@ -273,12 +342,17 @@ def _shift(padded: Array, plane: tuple[Array, np.int32], displacement: Array, ma
     return left * (1 - fraction_column) + right * fraction_column
 
 
-def _averaged_noise(noise: Array, truncation: Array, displacements: Array) -> Array:
+def _averaged_noise(
+    noise: Array, truncation: Array, displacements: Array, correlation: Array
+) -> Array:
     """``[n, c]`` mean truncated difference that averaging by interpolation takes from noise."""
-    remaining = jnp.sqrt(1 + interpolation_gain(displacements)).astype(noise.dtype)
+
+    def left(displacement: Array) -> Array:
+        gain = interpolation_gain(jnp.broadcast_to(displacement, correlation.shape), correlation)
+        return expected_departure(noise * jnp.sqrt(1 + gain).astype(noise.dtype), truncation)
+
     whole = expected_departure(noise * np.sqrt(2).item(), truncation)
-    left = jax.vmap(lambda deviation: expected_departure(noise * deviation, truncation))(remaining)
-    return whole[None] - left
+    return whole[None] - jax.vmap(left)(displacements)
 
 
 def _parts(aperture: Aperture) -> np.ndarray:

@@ -4,6 +4,9 @@ A view read between pixels is an average of up to four of them, and so less nois
 whole pixels: of independent noise of variance s^2 the fraction ``interpolation_gain`` s^2 remains,
 1 at whole pixels and 1/4 in the middle of four. Left alone, noise makes disparities that read
 between pixels look like better matches.
+
+Where neighbouring pixels are alike, more remains; :func:`blank_correlation` says how alike they are
+where there is little but noise.
 """
 
 from __future__ import annotations
@@ -19,23 +22,28 @@ from occjax.ops.sampling import as_coordinates, warp_plane
 
 WINDOW_RADIUS = 4
 QUANTILE = 0.25
+BLANK_QUANTILE = 0.35
 
 
-def interpolation_gain(displacement: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
-    """Share of the variance of independent noise that bilinear interpolation leaves.
+def interpolation_gain(
+    displacement: Float[Array, "... 2"], correlation: Float[Array, "... 2"] | float = 0.0
+) -> Float[Array, "..."]:
+    """Share of the variance of noise that bilinear interpolation leaves.
 
     Args:
         displacement: ``[..., 2]`` displacement ``(row, column)``, in pixels.
+        correlation: ``[..., 2]`` correlation of the noise of neighbouring pixels ``(down a column,
+            along a row)``; none by default. That of diagonal neighbours is taken to be the product.
 
     Returns:
-        ``[...]`` gain between 1/4 and 1.
+        ``[...]`` gain; between 1/4 and 1 for independent noise.
 
     Example:
         >>> interpolation_gain(jnp.array([[0.0, 2.0], [0.5, 1.0], [0.5, 0.5]])).tolist()
         [1.0, 0.5, 0.25]
     """
     fraction = displacement - jax.lax.stop_gradient(jnp.floor(displacement))
-    return (jnp.square(fraction) + jnp.square(1 - fraction)).prod(-1)
+    return (1 - 2 * fraction * (1 - fraction) * (1 - correlation)).prod(-1)
 
 
 def expected_departure(
@@ -62,7 +70,7 @@ def expected_departure(
 
 def noise_level(
     views: Float[Array, "v u h w"],
-    candidates: Float[Array, " d"],
+    candidates: Float[Array, " d"] | Float[Array, "d h w"],
     *,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, ""]:
@@ -74,7 +82,7 @@ def noise_level(
 
     Args:
         views: ``[v, u, h, w]`` grey views, h and w at least 2.
-        candidates: ``[d]`` disparities, pixels per view step.
+        candidates: ``[d]`` disparities, pixels per view step, or ``[d, h, w]`` maps of them.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -100,10 +108,12 @@ def noise_level(
         view, offset = neighbour
 
         def least(best, candidate):
-            warped = warp_plane(view, jnp.full((h, w), candidate), offset)
+            warped = warp_plane(view, jnp.broadcast_to(candidate, (h, w)), offset)
             # The difference has the variance of the centre view's noise and of what remains here.
-            deviation = jnp.sqrt(1 + interpolation_gain(candidate * offset)).astype(views.dtype)
-            difference = box_filter(jnp.abs(warped - centre), WINDOW_RADIUS) / deviation
+            displacement = jnp.stack([candidate * step for step in offset], axis=-1)
+            gain = interpolation_gain(displacement)
+            deviation = jnp.sqrt(1 + gain).astype(views.dtype)
+            difference = box_filter(jnp.abs(warped - centre) / deviation, WINDOW_RADIUS)
             return jnp.minimum(best, difference), None
 
         return jax.lax.scan(least, jnp.full((h, w), jnp.inf, views.dtype), candidates)[0]
@@ -112,6 +122,40 @@ def noise_level(
     means = jax.lax.map(best_of, neighbours)
     level = jnp.quantile(thinned(means), QUANTILE) * np.sqrt(np.pi / 2).item()
     return jax.lax.stop_gradient(level)
+
+
+def blank_correlation(image: Float[Array, "h w"]) -> Float[Array, " 2"]:
+    """Correlation of neighbouring pixels in the blankest windows of an image.
+
+    Windows of 9x9 pixels, the third of them with the least variance, each without its own mean. It
+    is that of the noise and of whatever faint texture there is, for that is what differs there
+    between views that do not match. No derivative passes through it.
+
+    Args:
+        image: ``[h, w]`` image, or a feature of it.
+
+    Returns:
+        ``[2]`` correlation ``(down a column, along a row)`` in [0, 1].
+
+    Example:
+        >>> noise = jax.random.normal(jax.random.key(0), (128, 129))
+        >>> blurred = noise[:, 1:] + noise[:, :-1]
+        >>> [round(float(number), 1) for number in blank_correlation(blurred)]
+        [0.0, 0.5]
+    """
+    image = jax.lax.stop_gradient(image)
+    rounding = jnp.square(4 * jnp.finfo(image.dtype).eps * image).sum()
+    image = image - box_filter(image, WINDOW_RADIUS)
+    variance = box_filter(jnp.square(image), WINDOW_RADIUS)
+    blank = variance <= jnp.quantile(thinned(variance), BLANK_QUANTILE)
+    # Of one size, so that all sums are over the same pixels.
+    here = jnp.where(blank, image, 0.0)[:-1, :-1]
+    square, below, right = (
+        (here * there).sum() for there in (here, image[1:, :-1], image[:-1, 1:])
+    )
+    known = square > rounding
+    correlation = jnp.stack([below, right]) / jnp.where(known, square, 1.0)
+    return jnp.where(known, jnp.clip(correlation, 0.0, 1.0), 0.0)
 
 
 def thinned(maps: Float[Array, "*n h w"], most: int = 64) -> Float[Array, "*n i j"]:

@@ -25,8 +25,11 @@ from occjax.ops.filtering import (
     central_differences,
     fit_planes,
 )
-from occjax.ops.noise import thinned
+from occjax.ops.noise import noise_level, thinned
 from occjax.ops.sampling import as_images, warp_plane
+
+GREY_CHANGE = 0.01
+"""Standard deviation of grey from view to view that is neither noise nor disparity."""
 
 
 def refine_disparity(
@@ -115,6 +118,41 @@ def refine_disparity(
         return planes, None
 
     return jax.lax.scan(step, disparity, None, length=steps)[0]
+
+
+def refinement_features(
+    views: Float[Array, "v u h w"],
+    disparity: Float[Array, "h w"],
+    *,
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> Float[Array, "v u h w 3"]:
+    """Derivatives of grey, and grey itself as far as noise hides them: for refinement.
+
+    Without noise derivatives tell more, since they do not see vignetting and the broad part of
+    highlights. Noise spoils them first: it is fine, and much of what is left on a blank wall is
+    broad. So grey counts by the ratio of the variances, that of a derivative being the noise's and
+    that of grey the noise's and GREY_CHANGE's.
+
+    Args:
+        views: ``[v, u, h, w]`` grey views, the white of the centre view at about 0.8.
+        disparity: ``[h, w]`` disparity of the centre view, by which the noise is found.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+
+    Returns:
+        ``[v, u, h, w, 3]`` for :func:`refine_disparity`.
+
+    Raises:
+        InputError: If there is no view beside the centre view.
+
+    Example:
+        >>> refinement_features(jnp.zeros((3, 3, 4, 6)), jnp.zeros((4, 6))).shape
+        (3, 3, 4, 6, 3)
+    """
+    variance = jnp.square(noise_level(views, disparity[None], offsets=offsets))
+    # A central difference, half of that of two pixels, has half the variance.
+    share = variance / 2 / (variance + GREY_CHANGE**2)
+    return jnp.stack([*central_differences(views), jnp.sqrt(share) * views], axis=-1)
 
 
 def median_filter(image: Float[Array, "h w"]) -> Float[Array, "h w"]:

@@ -46,6 +46,42 @@ def test_sums_are_over_the_views_of_each_sector(grid, tolerance):
     np.testing.assert_array_equal(numbers[0], np.bincount(sectors, minlength=8))
 
 
+def test_grey_costs_compare_grey_and_its_derivatives(tolerance):
+    """At disparity 0 the views next to the centre one are alike: no noise is found."""
+    views = np.array(_random(5, 5, 6, 9))
+    views[1:4, 1:4] = views[2, 2]
+    candidates = jnp.array([0.0, 0.7])
+    costs = matching.grey_costs(
+        jnp.asarray(views), candidates, grey_truncation=0.3, derivative_truncation=0.1
+    )
+    padded = np.pad(views, [(0, 0), (0, 0), (1, 1), (1, 1)], mode="edge")
+    down = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
+    right = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
+    features = np.stack([views, down, right], axis=-1)
+    sums = matching.sector_sums(
+        jnp.asarray(features),
+        candidates,
+        truncation=jnp.array([0.3, 0.1, 0.1]),
+        combine=lambda sums, numbers: matching.best_part(matching.box_filter(sums, 1), numbers),
+    )
+    np.testing.assert_allclose(costs, sums, **tolerance("float32"))
+
+
+def test_noise_widens_the_truncations_of_grey_costs():
+    """On a blank wall each difference is noise, most of it beyond a truncation of a tenth of it."""
+    noise = np.random.default_rng(0).normal(0.5, 0.02, (3, 3, 64, 64)).astype(np.float32)
+    costs = matching.grey_costs(
+        jnp.asarray(noise),
+        jnp.zeros(1),
+        grey_truncation=0.002,
+        derivative_truncation=1.0,
+    )
+    # |n_1 - n_2| over a truncation of its own deviation, 0.02: a third of this is the cost.
+    draws = np.abs(np.random.default_rng(1).normal(0, np.sqrt(2), 100_000))
+    assert 0.85 * np.minimum(draws, 1.0).mean() / 3 < costs.mean() < np.minimum(draws, 1.0).mean()
+    assert costs.mean() < 0.3
+
+
 def test_a_list_of_views_in_any_order_is_as_good_as_their_grid(tolerance):
     features, offsets = _random(3, 3, 6, 7, 2), view_offsets(3, 3)
     order = np.array([8, 1, 2, 3, 4, 0, 6, 7, 5])  # the centre view stays

@@ -36,6 +36,42 @@ def test_the_gain_is_the_variance_of_interpolated_noise(displacement):
     np.testing.assert_allclose(gain, np.square(weights).sum(), rtol=1e-5)
 
 
+@pytest.mark.parametrize("displacement", [(0.5, 0.5), (-0.5, 0.25), (0.3, -1.2)])
+def test_the_gain_is_the_variance_of_interpolated_noise_that_is_alike_nearby(displacement):
+    weights = [
+        bilinear(np.eye(1, 49, k).reshape(7, 7), 3 + displacement[0], 3 + displacement[1])
+        for k in range(49)
+    ]
+    alike = np.array([0.6, 0.3])
+    y, x = np.indices((7, 7)).reshape(2, 49)
+    down, right = (np.abs(line[:, None] - line[None]) for line in (y, x))
+    covariance = alike[0] ** down * alike[1] ** right
+    gain = noise.interpolation_gain(jnp.array(displacement), jnp.array(alike))
+    np.testing.assert_allclose(gain, weights @ covariance @ weights, rtol=1e-5)
+
+
+def _blurred(shape, down, right, seed=0):
+    """Noise plus so much of the pixels above and to the left, and its correlation."""
+    draws = np.random.default_rng(seed).normal(0, 0.01, (shape[0] + 1, shape[1] + 1))
+    draws = draws[1:] + down * draws[:-1]
+    draws = draws[:, 1:] + right * draws[:, :-1]
+    # Of n_k + a n_(k - 1): a / (1 + a^2).
+    return draws.astype(np.float32), [down / (1 + down**2), right / (1 + right**2)]
+
+
+@pytest.mark.parametrize(("down", "right"), [(0.0, 0.0), (0.5, 0.0), (0.2, 1.0)])
+def test_blank_windows_tell_how_alike_neighbouring_pixels_are(down, right):
+    image, correlation = _blurred((200, 240), down, right)
+    image[:, 120:] += np.sin(0.5 * np.arange(120))  # half of the image has texture
+    found = noise.blank_correlation(jnp.asarray(image))
+    # Without the mean of its window, noise is a little less alike.
+    np.testing.assert_allclose(found, correlation, atol=0.06)
+
+
+def test_a_blank_image_has_no_correlation():
+    assert noise.blank_correlation(jnp.full((16, 16), 0.3)).tolist() == [0.0, 0.0]
+
+
 @pytest.mark.parametrize("deviation", [0.0, 0.2, 1.0, 5.0])
 def test_the_expected_departure_is_the_mean_over_many_draws(deviation):
     draws = np.abs(np.random.default_rng(0).normal(0, deviation, 200_000))
@@ -48,6 +84,14 @@ def test_the_expected_departure_is_the_mean_over_many_draws(deviation):
 def test_the_level_of_added_noise_is_found(deviation, disparity):
     level = noise_level(_waves(deviation, disparity), CANDIDATES)
     np.testing.assert_allclose(level, deviation, rtol=0.15)
+
+
+def test_the_level_is_found_by_a_map_too():
+    deviation, disparity = 0.02, 0.25
+    level = noise_level(_waves(deviation, disparity), jnp.full((1, 64, 64), disparity))
+    np.testing.assert_allclose(level, deviation, rtol=0.15)
+    wrong = noise_level(_waves(deviation, disparity), jnp.full((1, 64, 64), 2.0))
+    assert float(wrong) > 2 * deviation  # the waves are taken for noise
 
 
 def test_views_without_noise_have_none():
@@ -65,3 +109,19 @@ def test_noise_favours_no_candidate():
     ).mean((1, 2))
     assert float(jnp.ptp(favour)) > 0.1 * float(favour.max())
     assert float(jnp.ptp(even)) < 0.03 * float(even.max())
+
+
+def test_noise_that_is_alike_nearby_favours_no_candidate_either():
+    """As it is told to be: taken for independent, it would favour whole pixels."""
+    draws = np.stack([_blurred((96, 96), 0.5, 0.5, seed=k)[0] for k in range(9)])
+    views = jnp.asarray(draws.reshape(3, 3, 96, 96, 1))
+    correlation = _blurred((96, 96), 0.5, 0.5)[1]
+    terms = {
+        "truncation": jnp.full(1, 0.1),
+        "radius": 2,
+        "noise": jnp.full(1, 0.01 * 1.25),  # of variance 1 + a^2 in each direction
+    }
+    favour = aperture_costs(views, CANDIDATES, **terms).mean((1, 2))
+    even = aperture_costs(views, CANDIDATES, correlation=jnp.array([correlation]), **terms)
+    assert float(favour[0]) < 0.96 * float(favour[2])
+    assert float(jnp.ptp(even.mean((1, 2)))) < 0.03 * float(even.mean())

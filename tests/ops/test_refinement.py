@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from occjax.ops import refinement
 from occjax.ops.refinement import median_filter
@@ -49,6 +50,46 @@ def test_textured_surroundings_speak_for_a_blank_patch():
     refined = refine_disparity(views, _disturbed(truth), jnp.zeros_like(views[0, 0, ..., 0]))
     error = np.abs(refined - truth)[3:-3, 9:15]
     assert error.mean() < 0.015
+
+
+def _faint(deviation, disparity=0.3, size=64):
+    """Grey 5x5 views of broad, faint waves under noise."""
+    y, x = np.mgrid[:size, :size].astype(float)
+    rng = np.random.default_rng(0)
+    views = np.empty((5, 5, size, size), np.float32)
+    for row, column in np.ndindex(5, 5):
+        scene_y, scene_x = y + disparity * (row - 2), x + disparity * (column - 2)
+        wave = 0.03 * np.sin(0.35 * scene_x + 0.1 * scene_y) + 0.03 * np.sin(0.3 * scene_y)
+        views[row, column] = 0.5 + wave + rng.normal(0, deviation, y.shape)
+    return jnp.asarray(views), disparity
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.005, 0.02])
+def test_grey_counts_as_far_as_there_is_noise(deviation):
+    views, disparity = _faint(deviation)
+    features = refinement.refinement_features(views, jnp.full((64, 64), disparity))
+    np.testing.assert_allclose(
+        features[..., 0][..., 1:-1, :], (views[..., 2:, :] - views[..., :-2, :]) / 2, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        features[..., 1][..., 1:-1], (views[..., 2:] - views[..., :-2]) / 2, atol=1e-6
+    )
+    share = deviation**2 / 2 / (deviation**2 + 0.01**2)
+    np.testing.assert_allclose(features[..., 2] / views, np.sqrt(share), rtol=0.15, atol=0.02)
+
+
+def test_grey_makes_up_for_derivatives_under_noise():
+    views, disparity = _faint(0.01)
+    start = jnp.full((64, 64), disparity + 0.1)
+    features = refinement.refinement_features(views, start)
+    options = {"steps": 8, "radius": 12.0, "guide_edge": 10.0}
+    guide = jnp.zeros((64, 64))
+    inner = np.s_[8:-8, 8:-8]
+    with_grey, without = (
+        float(jnp.abs(refine_disparity(some, start, guide, **options) - disparity)[inner].mean())
+        for some in (features, features[..., :2])
+    )
+    assert with_grey < 0.5 * without
 
 
 def test_no_steps_leave_the_map_alone():
