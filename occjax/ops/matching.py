@@ -215,6 +215,7 @@ def grey_costs(
         >>> costs[:, 4, 4].argmin().tolist()
         2
     """
+    views = as_images(views, "v u h w")
     v, u = views.shape[:2]
     features = jnp.stack([views, *central_differences(views)], axis=-1)
     # A central difference, half of that of two pixels, has half the variance.

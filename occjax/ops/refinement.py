@@ -143,12 +143,13 @@ def refinement_features(
         ``[v, u, h, w, 3]`` for :func:`refine_disparity`.
 
     Raises:
-        InputError: If there is no view beside the centre view.
+        InputError: If there is no view beside the centre view, or for integer views.
 
     Example:
         >>> refinement_features(jnp.zeros((3, 3, 4, 6)), jnp.zeros((4, 6))).shape
         (3, 3, 4, 6, 3)
     """
+    views = as_images(views, "v u h w")
     variance = jnp.square(noise_level(views, disparity[None], offsets=offsets))
     # A central difference, half of that of two pixels, has half the variance.
     share = variance / 2 / (variance + GREY_CHANGE**2)

@@ -100,6 +100,12 @@ OF_IMAGES = {
         views, jnp.asarray(DISPARITY), jnp.asarray(CANDIDATES)
     ),
     "occlusion_maps": lambda views: ops.occlusion_maps(views, jnp.asarray(DISPARITY)),
+    "grey_costs": lambda views: ops.grey_costs(
+        views[..., 0], jnp.asarray(CANDIDATES), grey_truncation=0.1, derivative_truncation=0.1
+    ),
+    "refinement_features": lambda views: ops.refinement_features(
+        views[..., 0], jnp.asarray(DISPARITY)
+    ),
     "concatenate": ops.concatenate,
     "mean_and_variance": ops.mean_and_variance,
     "group_correlation": ops.group_correlation(2),
@@ -121,6 +127,7 @@ TRACED_WITH_CONSTANTS = {
     "coarse_volume": (lambda c: ops.coarse_volume(VIEWS, c, weights=WEIGHTS), CANDIDATES),
     "refined_volume": (lambda d: ops.refined_volume(VIEWS, d, CANDIDATES), DISPARITY),
     "occlusion_maps": (lambda d: ops.occlusion_maps(VIEWS, d), DISPARITY),
+    "refinement_features": (lambda d: ops.refinement_features(VIEWS[..., 0], d), DISPARITY),
     "soft_argmin": (lambda c: ops.soft_argmin(VOLUME, c), CANDIDATES),
 }
 
