@@ -133,6 +133,7 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
         candidates / 2,  # in pixels of half resolution
         grey_truncation=compared.grey_truncation,
         derivative_truncation=compared.derivative_truncation,
+        correlated=True,
         offsets=grey.offsets,
     )
     aggregated = semi_global(

@@ -185,6 +185,7 @@ def grey_costs(
     *,
     grey_truncation: float,
     derivative_truncation: float,
+    correlated: bool = False,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
     """:func:`aperture_costs` of grey and its derivatives, by what the views show of their noise.
@@ -198,6 +199,9 @@ def grey_costs(
         candidates: ``[d]`` disparities, pixels per view step.
         grey_truncation: Difference of grey that counts as "something else".
         derivative_truncation: The same of its derivatives, per pixel.
+        correlated: Whether noise is as alike in neighbouring pixels as the blankest windows of the
+            centre view are (:func:`blank_correlation`), not independent. Better on blank walls,
+            whose faint texture is no noise; worse under strong noise on texture everywhere.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -225,12 +229,15 @@ def grey_costs(
     truncation = jnp.array(
         [grey_truncation, derivative_truncation, derivative_truncation], views.dtype
     )
+    correlation = None
+    if correlated:
+        correlation = jax.vmap(blank_correlation, in_axes=-1)(features[v // 2, u // 2])
     return aperture_costs(
         features,
         candidates,
         truncation=jnp.hypot(truncation, noise),
         noise=noise,
-        correlation=jax.vmap(blank_correlation, in_axes=-1)(features[v // 2, u // 2]),
+        correlation=correlation,
         offsets=offsets,
     )
 
