@@ -1,5 +1,6 @@
 """Light fields in closed form, for tests of what stands on everything else."""
 
+import jax.numpy as jnp
 import numpy as np
 
 from occjax.lightfield import LightField
@@ -33,3 +34,16 @@ def plane(
         views[row, column] = 0.5 + waves.mean(-2) * 1.2
     truth = (disparity + slope[0] * y + slope[1] * x).astype(np.float32)
     return LightField(np.clip(views, 0, 1), ground_truth=truth, **{"name": "plane", **fields})
+
+
+def noisy_waves(deviation, disparity=0.25, *, views=3, size=64, amplitude=0.2):
+    """``[views, views, size, size]`` grey: smooth waves at one disparity, under normal noise."""
+    y, x = np.mgrid[:size, :size].astype(float)
+    generator = np.random.default_rng(0)
+    images = np.empty((views, views, size, size), np.float32)
+    for row, column in np.ndindex(views, views):
+        v, u = row - views // 2, column - views // 2
+        scene_y, scene_x = y + disparity * v, x + disparity * u
+        waves = np.sin(0.3 * scene_x + 0.1 * scene_y) + np.sin(0.25 * scene_y)
+        images[row, column] = 0.5 + amplitude * waves + generator.normal(0, deviation, y.shape)
+    return jnp.asarray(images)

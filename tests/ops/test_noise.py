@@ -8,21 +8,10 @@ import pytest
 from occjax.ops import noise
 from occjax.ops.matching import aperture_costs
 from tests.reference.matching import bilinear
+from tests.scenes import noisy_waves
 
 noise_level = jax.jit(noise.noise_level)
 CANDIDATES = jnp.array([0.0, 0.25, 0.5])
-
-
-def _waves(deviation, disparity=0.25, size=64):
-    """``[3, 3, size, size]`` noisy views of smooth waves at one disparity."""
-    y, x = np.mgrid[:size, :size].astype(float)
-    rng = np.random.default_rng(0)
-    views = np.empty((3, 3, size, size), np.float32)
-    for row, column in np.ndindex(3, 3):
-        scene_y, scene_x = y + disparity * (row - 1), x + disparity * (column - 1)
-        wave = 0.2 * np.sin(0.3 * scene_x + 0.1 * scene_y) + 0.2 * np.sin(0.25 * scene_y)
-        views[row, column] = 0.5 + wave + rng.normal(0, deviation, y.shape)
-    return jnp.asarray(views)
 
 
 @pytest.mark.parametrize("displacement", [(0.0, 3.0), (-0.5, 0.5), (0.3, -1.2)])
@@ -82,20 +71,20 @@ def test_the_expected_departure_is_the_mean_over_many_draws(deviation):
 @pytest.mark.parametrize("deviation", [0.005, 0.02])
 @pytest.mark.parametrize("disparity", [0.0, 0.25])
 def test_the_level_of_added_noise_is_found(deviation, disparity):
-    level = noise_level(_waves(deviation, disparity), CANDIDATES)
+    level = noise_level(noisy_waves(deviation, disparity), CANDIDATES)
     np.testing.assert_allclose(level, deviation, rtol=0.15)
 
 
 def test_the_level_is_found_by_a_map_too():
     deviation, disparity = 0.02, 0.25
-    level = noise_level(_waves(deviation, disparity), jnp.full((1, 64, 64), disparity))
+    level = noise_level(noisy_waves(deviation, disparity), jnp.full((1, 64, 64), disparity))
     np.testing.assert_allclose(level, deviation, rtol=0.15)
-    wrong = noise_level(_waves(deviation, disparity), jnp.full((1, 64, 64), 2.0))
+    wrong = noise_level(noisy_waves(deviation, disparity), jnp.full((1, 64, 64), 2.0))
     assert float(wrong) > 2 * deviation  # the waves are taken for noise
 
 
 def test_views_without_noise_have_none():
-    assert float(noise_level(_waves(0.0), CANDIDATES)) < 1e-3
+    assert float(noise_level(noisy_waves(0.0), CANDIDATES)) < 1e-3
 
 
 def test_noise_favours_no_candidate():

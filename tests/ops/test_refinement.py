@@ -7,6 +7,7 @@ import pytest
 
 from occjax.ops import refinement
 from occjax.ops.refinement import median_filter
+from tests.scenes import noisy_waves
 
 QUICK = {"xla_backend_optimization_level": 0}  # compilation is most of the time
 refine_disparity = jax.jit(
@@ -52,16 +53,9 @@ def test_textured_surroundings_speak_for_a_blank_patch():
     assert error.mean() < 0.015
 
 
-def _faint(deviation, disparity=0.3, size=64):
-    """Grey 5x5 views of broad, faint waves under noise."""
-    y, x = np.mgrid[:size, :size].astype(float)
-    rng = np.random.default_rng(0)
-    views = np.empty((5, 5, size, size), np.float32)
-    for row, column in np.ndindex(5, 5):
-        scene_y, scene_x = y + disparity * (row - 2), x + disparity * (column - 2)
-        wave = 0.03 * np.sin(0.35 * scene_x + 0.1 * scene_y) + 0.03 * np.sin(0.3 * scene_y)
-        views[row, column] = 0.5 + wave + rng.normal(0, deviation, y.shape)
-    return jnp.asarray(views), disparity
+def _faint(deviation, disparity=0.3):
+    """Grey 5x5 views of broad, faint waves under noise, and their disparity."""
+    return noisy_waves(deviation, disparity, views=5, amplitude=0.03), disparity
 
 
 @pytest.mark.parametrize("deviation", [0.0, 0.005, 0.02])
