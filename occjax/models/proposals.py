@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Float16
 
 from occjax.models.config import DerivativeFeatures, NetworkConfig, SemiGlobalConfig, of_kind
 from occjax.ops.brightness import vignetted
-from occjax.ops.filtering import box_filter, neighbours
+from occjax.ops.filtering import box_filter, edge_aware_mean, neighbours
 from occjax.ops.matching import grey_costs, semi_global
 from occjax.ops.planes import greatest_plane, least_plane, softmax_planes
 from occjax.ops.refinement import median_filter, refine_disparity, refinement_features
@@ -38,6 +38,12 @@ GREY_TOLERANCE = 0.03
 
 DETAIL_TOLERANCE = 0.01
 """The same of what is left of grey without the mean of its surroundings."""
+
+REACH = 30.0
+"""Reach of the means of costs in the absence of edges, pixels of half resolution."""
+
+EDGE = 0.03
+"""Difference of grey that bounds them."""
 
 PLANE_RADIUS = 12.0
 """Reach of the fitted planes in the absence of edges, pixels."""
@@ -104,7 +110,7 @@ class Search(NamedTuple):
     """The first stage, at half resolution; disparities and candidates are those of full resolution.
 
     Attributes:
-        disparity: ``[i, j]`` of the cheapest candidates.
+        disparity: ``[i, j]`` of least cost.
         aggregated: ``[d, i, j]`` aggregated costs, 0 for the cheapest candidate.
         probabilities: ``[d, i, j]`` of the candidates.
     """
@@ -117,6 +123,10 @@ class Search(NamedTuple):
 def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfig) -> Search:
     """Search the whole range: costs of all candidates, aggregated semi-globally.
 
+    Noisy walls tell their disparity by all of their pixels together. So the costs that are
+    aggregated have the means over large surroundings added to them; and where surfaces are
+    slanted, these means are taken once more, along the surfaces found.
+
     Args:
         grey: The views, of even height and width.
         candidates: ``[d]`` evenly spaced disparities.
@@ -128,24 +138,40 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
     compared = of_kind(config.features, DerivativeFeatures)
     prior = of_kind(config.stages[0].semi_global, SemiGlobalConfig)
     grey = GreyViews(halve(grey.views), grey.offsets)
+    edges = box_filter(grey.centre, 1)[None] / EDGE
     costs = grey_costs(
         grey.views,
         candidates / 2,  # in pixels of half resolution
         grey_truncation=compared.grey_truncation,
         derivative_truncation=compared.derivative_truncation,
-        correlated=True,
         offsets=grey.offsets,
     )
+    costs = jnp.where(vignetted(grey.centre, DARKNESS), 0.0, costs)
     aggregated = semi_global(
-        jnp.where(vignetted(grey.centre, DARKNESS), 0.0, costs),
+        costs + edge_aware_mean(costs, edges, radius=REACH),
         grey.centre,
         small_penalty=prior.smoothness * _spacing(candidates),
         large_penalty=prior.jump,
         guide_scale=prior.edge,
     )
     aggregated = aggregated - least_plane(aggregated)[None]
-    probabilities = softmax_planes(-aggregated / prior.temperature)
-    return Search(cheapest(aggregated, candidates), aggregated, probabilities)
+    disparity = _along_surfaces(costs, candidates, cheapest(aggregated, candidates), edges)
+    return Search(disparity, aggregated, softmax_planes(-aggregated / prior.temperature))
+
+
+def _along_surfaces(
+    costs: Float[Array, "d i j"],
+    candidates: Float[Array, " d"],
+    disparity: Float[Array, "i j"],
+    edges: Float[Array, "1 i j"],
+) -> Float[Array, "i j"]:
+    """The disparity of least mean cost, the surroundings being displaced like the pixel itself."""
+    changes = _spacing(candidates) * jnp.arange(-2, 3)
+    around = disparity[None] + changes[:, None, None]
+    within = (around >= candidates[0]) & (around <= candidates[-1])
+    displaced = jnp.where(within, _interpolated(costs, candidates, around), 1.0)
+    means = edge_aware_mean(displaced, edges, radius=REACH)
+    return disparity + cheapest(means, changes)
 
 
 def refine(
@@ -218,7 +244,7 @@ def propose(
         robust, absolute, of_detail = (
             sector_channels(SectorCosts(sums, costs.weights)) for sums in costs.sums
         )
-        prior = _interpolated(found.aggregated, candidates, one[None]) / LARGEST_AGGREGATED
+        prior = _of_blocks(found.aggregated, candidates, one)[None] / LARGEST_AGGREGATED
         all_costs = jnp.concatenate([robust[:, 0], absolute[-1], of_detail[-1], prior])
         return jnp.clip(all_costs, 0.0, 1.0).astype(jnp.float16)
 
@@ -270,17 +296,24 @@ def _second(found: Search, candidates: Float[Array, " d"], distance: float) -> F
     return cheapest(jnp.where(far, found.aggregated, 1e3), candidates)
 
 
+def _of_blocks(
+    volume: Float[Array, "d i j"], candidates: Float[Array, " d"], disparity: Float[Array, "h w"]
+) -> Float[Array, "h w"]:
+    """The values of a volume of half resolution at the disparity of each pixel."""
+    apart = blocks(disparity)
+    values = _interpolated(volume, candidates, apart.reshape(4, *volume.shape[1:]))
+    return unblocked(values.reshape(apart.shape))
+
+
 def _interpolated(
     volume: Float[Array, "d i j"],
     candidates: Float[Array, " d"],
-    disparities: Float[Array, "k h w"],
-) -> Float[Array, "k h w"]:
-    """The values of a volume of half resolution at disparities between its candidates."""
-    apart = blocks(disparities)
-    place = jnp.clip(
-        (apart - candidates[0]) / _spacing(candidates), 0.0, volume.shape[0] - 1
-    ).reshape(-1, *volume.shape[1:])
+    disparities: Float[Array, "k i j"],
+) -> Float[Array, "k i j"]:
+    """The values of a volume at disparities between its candidates."""
+    place = (disparities - candidates[0]) / _spacing(candidates)
+    place = jnp.clip(place, 0.0, volume.shape[0] - 1)
     below = jnp.minimum(jnp.floor(place).astype(jnp.int32), volume.shape[0] - 2)
     share = place - below.astype(place.dtype)
     left, right = (jnp.take_along_axis(volume, below + step, axis=0) for step in (0, 1))
-    return unblocked((left + share * (right - left)).reshape(apart.shape))
+    return left + share * (right - left)

@@ -6,10 +6,17 @@ signs are those of :mod:`occjax.lightfield`.
 
 from occjax.ops.aperture import sector_of
 from occjax.ops.depth import back_project, depth_from_disparity, disparity_from_depth
-from occjax.ops.filtering import box_filter, central_differences, fit_planes, neighbours
+from occjax.ops.filtering import (
+    binomial_filter,
+    box_filter,
+    central_differences,
+    edge_aware_mean,
+    fit_planes,
+    neighbours,
+)
 from occjax.ops.geometry import view_offsets
 from occjax.ops.matching import aperture_costs, grey_costs, sector_sums, semi_global
-from occjax.ops.noise import blank_correlation, noise_level
+from occjax.ops.noise import noise_level, texture_share
 from occjax.ops.normals import surface_normals
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity, refinement_features
@@ -43,7 +50,7 @@ __all__ = [
     "SectorCosts",
     "aperture_costs",
     "back_project",
-    "blank_correlation",
+    "binomial_filter",
     "box_filter",
     "central_differences",
     "cheapest",
@@ -53,6 +60,7 @@ __all__ = [
     "confidence",
     "depth_from_disparity",
     "disparity_from_depth",
+    "edge_aware_mean",
     "expected_disparity",
     "fit_planes",
     "geman_mcclure",
@@ -76,6 +84,7 @@ __all__ = [
     "shift",
     "soft_argmin",
     "surface_normals",
+    "texture_share",
     "view_offsets",
     "warp",
     "warp_views",

@@ -22,14 +22,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.ops.aperture import SECTORS, views_around
-from occjax.ops.filtering import box_filter, central_differences
+from occjax.ops.filtering import (
+    BINOMIAL_CORRELATION,
+    BINOMIAL_GAIN,
+    binomial_filter,
+    box_filter,
+    central_differences,
+)
 from occjax.ops.noise import (
-    blank_correlation,
     expected_departure,
     interpolation_gain,
     noise_level,
+    texture_share,
 )
-from occjax.ops.planes import least_plane
+from occjax.ops.planes import least_plane, sum_planes
 from occjax.ops.sampling import as_coordinates, as_images
 
 Aperture = Literal["half", "quarter"]
@@ -64,8 +70,7 @@ def sector_sums(
             was read between pixels, which averages noise; without it, noisy images favour the
             candidates that read between pixels.
         correlation: ``[c, 2]`` of each feature's noise at neighbouring pixels ``(down a column,
-            along a row)``, for example :func:`blank_correlation`; none by default. The more alike
-            they are, the less is averaged.
+            along a row)``; none by default. The more alike they are, the less is averaged.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -134,7 +139,6 @@ def aperture_costs(
     truncation: Float[Array, " c"],
     aperture: Aperture = "quarter",
     noise: Float[Array, " c"] | None = None,
-    correlation: Float[Array, "c 2"] | None = None,
     radius: int = 1,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
@@ -149,7 +153,6 @@ def aperture_costs(
         truncation: ``[c]`` difference of each feature that counts as "something else".
         aperture: What is compared beside the whole aperture: its eight halves or eight quarters.
         noise: ``[c]`` standard deviation of each feature's noise, as for :func:`sector_sums`.
-        correlation: ``[c, 2]`` of it at neighbouring pixels, likewise.
         radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
             in pixels; without it noise makes the choice.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
@@ -173,7 +176,6 @@ def aperture_costs(
         candidates,
         truncation=truncation,
         noise=noise,
-        correlation=correlation,
         offsets=offsets,
         combine=lambda sums, numbers: best_part(box_filter(sums, radius), numbers, aperture),
     )
@@ -185,23 +187,27 @@ def grey_costs(
     *,
     grey_truncation: float,
     derivative_truncation: float,
-    correlated: bool = False,
+    blurred_truncation: float = 0.003,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
-    """:func:`aperture_costs` of grey and its derivatives, by what the views show of their noise.
+    """Costs of grey and its derivatives where there is texture, of blurred grey where noise hides it.
 
     Derivatives do not see vignetting and the broad part of highlights, and are what tells weakly
-    textured surfaces apart. Noise is allowed for: where it alone is beyond a truncation, all
-    candidates would be alike, so that the truncation is the root of the sum of squares of both.
+    textured surfaces apart: :func:`aperture_costs` of grey and both derivatives. Noise is allowed
+    for: where it alone is beyond a truncation, all candidates would be alike, so that the truncation
+    is the root of the sum of squares of both.
+
+    Where the derivatives are noise alone (:func:`occjax.ops.texture_share`) they say nothing, and
+    the best part of the aperture is that whose noise is least. What is left there is broad: the
+    mean over the whole aperture of the truncated absolute differences of grey, after
+    :func:`occjax.ops.binomial_filter`.
 
     Args:
-        views: ``[v, u, h, w]`` grey views.
+        views: ``[v, u, h, w]`` grey views, the white of the centre view at about 0.8.
         candidates: ``[d]`` disparities, pixels per view step.
         grey_truncation: Difference of grey that counts as "something else".
         derivative_truncation: The same of its derivatives, per pixel.
-        correlated: Whether noise is as alike in neighbouring pixels as the blankest windows of the
-            centre view are (:func:`blank_correlation`), not independent. Better on blank walls,
-            whose faint texture is no noise; worse under strong noise on texture everywhere.
+        blurred_truncation: The same of blurred grey.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -221,25 +227,31 @@ def grey_costs(
     """
     views = as_images(views, "v u h w")
     v, u = views.shape[:2]
-    features = jnp.stack([views, *central_differences(views)], axis=-1)
+    level = noise_level(views, candidates, offsets=offsets)
     # A central difference, half of that of two pixels, has half the variance.
-    noise = noise_level(views, candidates, offsets=offsets) * jnp.sqrt(
-        jnp.array([1.0, 0.5, 0.5], views.dtype)
-    )
+    noise = level * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], views.dtype))
     truncation = jnp.array(
         [grey_truncation, derivative_truncation, derivative_truncation], views.dtype
     )
-    correlation = None
-    if correlated:
-        correlation = jax.vmap(blank_correlation, in_axes=-1)(features[v // 2, u // 2])
-    return aperture_costs(
-        features,
+    fine = aperture_costs(
+        jnp.stack([views, *central_differences(views)], axis=-1),
         candidates,
         truncation=jnp.hypot(truncation, noise),
         noise=noise,
-        correlation=correlation,
         offsets=offsets,
     )
+    noise = BINOMIAL_GAIN * level[None]
+    broad = sector_sums(
+        binomial_filter(views)[..., None],
+        candidates,
+        truncation=jnp.hypot(jnp.array([blurred_truncation], views.dtype), noise),
+        noise=noise,
+        correlation=jnp.full((1, 2), BINOMIAL_CORRELATION, views.dtype),
+        offsets=offsets,
+        combine=lambda sums, numbers: box_filter(sum_planes(sums) / numbers.sum(), 1),
+    )
+    share = texture_share(views[v // 2, u // 2], level)
+    return share * fine + (1 - share) * broad
 
 
 def best_part(

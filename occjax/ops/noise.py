@@ -17,12 +17,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.ops.aperture import views_around, views_beside
-from occjax.ops.filtering import box_filter
+from occjax.ops.filtering import box_filter, central_differences
 from occjax.ops.sampling import as_coordinates, warp_plane
 
 WINDOW_RADIUS = 4
 QUANTILE = 0.25
-BLANK_QUANTILE = 0.35
+
+MARGIN = 1.3
+"""Variance of derivatives that is taken for noise, as a multiple of that of noise."""
+
+FAINT = 0.003
+"""Standard deviation of noise, of grey, that is neither weak nor strong."""
 
 
 def interpolation_gain(
@@ -124,38 +129,34 @@ def noise_level(
     return jax.lax.stop_gradient(level)
 
 
-def blank_correlation(image: Float[Array, "h w"]) -> Float[Array, " 2"]:
-    """Correlation of neighbouring pixels in the blankest windows of an image.
+def texture_share(
+    image: Float[Array, "h w"], deviation: Float[Array, ""]
+) -> Float[Array, "h w"]:
+    """How far the derivatives of an image, and its fine structure, are texture and not noise.
 
-    Windows of 9x9 pixels, the third of them with the least variance, each without its own mean. It
-    is that of the noise and of whatever faint texture there is, for that is what differs there
-    between views that do not match. No derivative passes through it.
+    In windows of 9x9 pixels: ``1 - noise / variance`` of the derivatives, a little less so that the
+    spread of the variance of noise alone does not pass for texture. Where noise is weaker than
+    FAINT, what little there is of derivatives is worth more than what else views may have in common.
 
     Args:
-        image: ``[h, w]`` image, or a feature of it.
+        image: ``[h, w]`` grey image, the white of the centre view at about 0.8.
+        deviation: Standard deviation of its noise, for example by :func:`noise_level`.
 
     Returns:
-        ``[2]`` correlation ``(down a column, along a row)`` in [0, 1].
+        ``[h, w]`` shares in [0, 1]; 1 without noise.
 
     Example:
-        >>> noise = jax.random.normal(jax.random.key(0), (128, 129))
-        >>> blurred = noise[:, 1:] + noise[:, :-1]
-        >>> [round(float(number), 1) for number in blank_correlation(blurred)]
-        [0.0, 0.5]
+        >>> noise = 0.1 * jax.random.normal(jax.random.key(0), (32, 32))
+        >>> bool(texture_share(noise, jnp.array(0.1)).mean() < 0.1)
+        True
     """
-    image = jax.lax.stop_gradient(image)
-    rounding = jnp.square(4 * jnp.finfo(image.dtype).eps * image).sum()
-    image = image - box_filter(image, WINDOW_RADIUS)
-    variance = box_filter(jnp.square(image), WINDOW_RADIUS)
-    blank = variance <= jnp.quantile(thinned(variance), BLANK_QUANTILE)
-    # Of one size, so that all sums are over the same pixels.
-    here = jnp.where(blank, image, 0.0)[:-1, :-1]
-    square, below, right = (
-        (here * there).sum() for there in (here, image[1:, :-1], image[:-1, 1:])
-    )
-    known = square > rounding
-    correlation = jnp.stack([below, right]) / jnp.where(known, square, 1.0)
-    return jnp.where(known, jnp.clip(correlation, 0.0, 1.0), 0.0)
+    down, right = central_differences(image)
+    energy = box_filter(jnp.square(down) + jnp.square(right), WINDOW_RADIUS)
+    # A central difference, half of that of two pixels, has half the variance; here are two.
+    noise = jnp.square(deviation)
+    little = jnp.finfo(image.dtype).tiny
+    texture = jnp.clip(1 - MARGIN * noise / jnp.maximum(energy, little), 0.0, 1.0)
+    return 1 - noise / (noise + FAINT**2) * (1 - texture)
 
 
 def thinned(maps: Float[Array, "*n h w"], most: int = 64) -> Float[Array, "*n i j"]:

@@ -15,7 +15,7 @@ from occjax.models.config import Choice, Residual
 from occjax.models.description import config_from_json, config_to_json
 from occjax.models.proposals import Proposals
 from occjax.models.stages import stage_output
-from occjax.ops import view_offsets
+from occjax.ops import edge_aware_mean, view_offsets
 from tests.reference.variables import random_variables
 from tests.scenes import plane
 
@@ -232,11 +232,29 @@ def test_aggregated_costs_are_read_between_candidates():
     candidates = jnp.linspace(-1.0, 1.0, 5)
     volume = jnp.asarray(np.random.default_rng(0).random((5, 3, 4)), jnp.float32)
     places = jnp.asarray(np.random.default_rng(1).uniform(-1.3, 1.3, (2, 6, 8)), jnp.float32)
-    found = proposals_module._interpolated(volume, candidates, places)
-    for k, row, column in np.ndindex(2, 6, 8):
-        of_block = volume[:, row // 2, column // 2]
-        expected = np.interp(places[k, row, column], candidates, of_block)
-        np.testing.assert_allclose(found[k, row, column], expected, atol=1e-5)
+    for place in places:
+        found = proposals_module._of_blocks(volume, candidates, place)
+        for row, column in np.ndindex(6, 8):
+            of_block = volume[:, row // 2, column // 2]
+            expected = np.interp(place[row, column], candidates, of_block)
+            np.testing.assert_allclose(found[row, column], expected, atol=1e-5)
+
+
+def test_means_along_a_slanted_surface_find_it_where_those_of_one_disparity_do_not():
+    """Costs that noise hides in each pixel, of a plane that rises by five candidates."""
+    candidates = jnp.linspace(-2.0, 2.0, 17)
+    truth = jnp.asarray(np.linspace(-0.6, 0.6, 40)[None].repeat(40, 0), jnp.float32)
+    noise = np.random.default_rng(0).normal(0, 0.3, (17, 40, 40))
+    costs = jnp.square(candidates[:, None, None] - truth[None]) / 8 + jnp.asarray(noise)
+    guide = jnp.zeros((1, 40, 40))
+    found = proposals_module._along_surfaces(
+        jnp.clip(costs, 0.0, 1.0), candidates, truth + 0.2, guide
+    )
+    means = edge_aware_mean(jnp.clip(costs, 0.0, 1.0), guide, radius=proposals_module.REACH)
+    of_one = candidates[means.argmin(0)]
+    error, other = (float(jnp.abs(each - truth)[4:-4, 4:-4].mean()) for each in (found, of_one))
+    assert error < 0.1
+    assert other > 2 * error
 
 
 def test_before_training_it_is_semi_global_matching_with_planes():

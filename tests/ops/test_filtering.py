@@ -1,5 +1,7 @@
 """The filters against NumPy loops and what they promise about edges and gradients."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import jax.test_util
@@ -30,6 +32,33 @@ def test_box_filter_treats_stacked_maps_one_by_one(tolerance):
         [[reference.box_filter(image, 2) for image in row] for row in np.asarray(stack)]
     )
     np.testing.assert_allclose(box_filter(stack, 2), expected, **tolerance("float32"))
+
+
+def test_binomial_filter_is_pascals_triangle_in_both_directions(tolerance):
+    stack = _random(2, 6, 11)
+    row = np.array([math.comb(8, k) for k in range(9)]) / 2**8
+    padded = np.pad(stack, [(0, 0), (4, 4), (4, 4)], mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (9, 9), axis=(1, 2))
+    expected = np.einsum("nyxij,i,j->nyx", windows, row, row)
+    np.testing.assert_allclose(filtering.binomial_filter(stack), expected, **tolerance("float32"))
+
+
+def test_binomial_filter_leaves_as_much_noise_as_it_says():
+    noise = np.random.default_rng(0).normal(0, 1, (400, 500)).astype(np.float32)
+    blurred = np.asarray(filtering.binomial_filter(jnp.asarray(noise)))
+    np.testing.assert_allclose(blurred.std(), filtering.BINOMIAL_GAIN, rtol=0.02)
+    beside = (blurred[:, 1:] * blurred[:, :-1]).mean() / np.square(blurred).mean()
+    np.testing.assert_allclose(beside, filtering.BINOMIAL_CORRELATION, atol=0.02)
+
+
+@pytest.mark.usefixtures("x64", "platform")
+@pytest.mark.parametrize("size", [(5, 6), (1, 6), (6, 1)])
+def test_edge_aware_mean_weighs_the_same_neighbourhoods(size):
+    values, guides = _random(3, *size), _random(2, *size, seed=2)
+    arguments = [array.astype(jnp.float64) for array in (values, guides)]
+    means = filtering.edge_aware_mean(*arguments, radius=3.0)
+    expected = reference.edge_aware_mean(*map(np.asarray, arguments), 3.0, 2)
+    np.testing.assert_allclose(means, expected, atol=1e-12)
 
 
 @pytest.mark.usefixtures("x64", "platform")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occjax.ops import noise
-from occjax.ops.matching import aperture_costs
+from occjax.ops.matching import aperture_costs, sector_sums
 from tests.reference.matching import bilinear
 from tests.scenes import noisy_waves
 
@@ -48,17 +48,24 @@ def _blurred(shape, down, right, seed=0):
     return draws.astype(np.float32), [down / (1 + down**2), right / (1 + right**2)]
 
 
-@pytest.mark.parametrize(("down", "right"), [(0.0, 0.0), (0.5, 0.0), (0.2, 1.0)])
-def test_blank_windows_tell_how_alike_neighbouring_pixels_are(down, right):
-    image, correlation = _blurred((200, 240), down, right)
-    image[:, 120:] += np.sin(0.5 * np.arange(120))  # half of the image has texture
-    found = noise.blank_correlation(jnp.asarray(image))
-    # Without the mean of its window, noise is a little less alike.
-    np.testing.assert_allclose(found, correlation, atol=0.06)
+def test_texture_is_told_from_noise():
+    """On one half waves, nothing on the other; the share by the closed form of their derivatives."""
+    deviation, amplitude, frequency = 0.02, 0.1, 0.7
+    image = np.random.default_rng(0).normal(0, deviation, (96, 128)).astype(np.float32)
+    image[:, 64:] += amplitude * np.sin(frequency * np.arange(64))
+    share = np.asarray(noise.texture_share(jnp.asarray(image), jnp.float32(deviation)))
+    texture = np.square(amplitude * np.sin(frequency)) / 2  # central differences of a sine
+    expected = 1 - noise.MARGIN * deviation**2 / (texture + deviation**2)
+    faint = deviation**2 / (deviation**2 + noise.FAINT**2)
+    np.testing.assert_allclose(share[8:-8, 72:-8].mean(), 1 - faint * (1 - expected), atol=0.02)
+    assert share[8:-8, 8:-72].mean() < 0.06
 
 
-def test_a_blank_image_has_no_correlation():
-    assert noise.blank_correlation(jnp.full((16, 16), 0.3)).tolist() == [0.0, 0.0]
+def test_where_noise_is_weak_all_is_texture():
+    draws = np.random.default_rng(0).normal(0, 1e-4, (32, 32)).astype(np.float32)
+    assert float(noise.texture_share(jnp.asarray(draws), jnp.float32(1e-4)).min()) > 0.99
+    blank = noise.texture_share(jnp.full((8, 9), 0.3), jnp.float32(0.0))
+    np.testing.assert_array_equal(blank, np.ones((8, 9)))
 
 
 @pytest.mark.parametrize("deviation", [0.0, 0.2, 1.0, 5.0])
@@ -107,10 +114,10 @@ def test_noise_that_is_alike_nearby_favours_no_candidate_either():
     correlation = _blurred((96, 96), 0.5, 0.5)[1]
     terms = {
         "truncation": jnp.full(1, 0.1),
-        "radius": 2,
         "noise": jnp.full(1, 0.01 * 1.25),  # of variance 1 + a^2 in each direction
+        "combine": lambda sums, numbers: sums.mean(),
     }
-    favour = aperture_costs(views, CANDIDATES, **terms).mean((1, 2))
-    even = aperture_costs(views, CANDIDATES, correlation=jnp.array([correlation]), **terms)
+    favour = sector_sums(views, CANDIDATES, **terms)
+    even = sector_sums(views, CANDIDATES, correlation=jnp.array([correlation]), **terms)
     assert float(favour[0]) < 0.96 * float(favour[2])
-    assert float(jnp.ptp(even.mean((1, 2)))) < 0.03 * float(even.mean())
+    assert float(jnp.ptp(even)) < 0.03 * float(even.mean())

@@ -18,9 +18,9 @@ def box_filter(image, radius):
     return result
 
 
-def fit_planes(values, weights, guides, radius, ridge, passes):
-    """Weighted least squares at each pixel, its neighbourhood as a dense matrix."""
-    height, width = values.shape
+def surroundings(guides, radius, passes):
+    """What each pixel gathers of each other one, as a dense matrix over all pixels, row by row."""
+    height, width = guides.shape[1:]
     pixels = [(y, x) for y in range(height) for x in range(width)]
 
     def distance(p, q):
@@ -44,6 +44,21 @@ def fit_planes(values, weights, guides, radius, ridge, passes):
     neighbourhood = np.eye(len(pixels))
     for k in range(passes):
         neighbourhood = kernel(1, 2**k) @ kernel(0, 2**k) @ neighbourhood
+    return neighbourhood
+
+
+def edge_aware_mean(values, guides, radius, passes):
+    """Means weighted by the surroundings."""
+    weights = surroundings(guides, radius, passes)
+    weights = weights / weights.sum(1, keepdims=True)
+    return np.stack([(weights @ value.ravel()).reshape(value.shape) for value in values])
+
+
+def fit_planes(values, weights, guides, radius, ridge, passes):
+    """Weighted least squares at each pixel, its neighbourhood as a dense matrix."""
+    height, width = values.shape
+    pixels = [(y, x) for y in range(height) for x in range(width)]
+    neighbourhood = surroundings(guides, radius, passes)
     result = np.empty(len(pixels))
     for i, (y, x) in enumerate(pixels):
         weight = neighbourhood[i] * weights.ravel()
