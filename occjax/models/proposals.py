@@ -166,7 +166,7 @@ def _along_surfaces(
     edges: Float[Array, "1 i j"],
 ) -> Float[Array, "i j"]:
     """The disparity of least mean cost, the surroundings being displaced like the pixel itself."""
-    changes = _spacing(candidates) * jnp.arange(-2, 3)
+    changes = _spacing(candidates) * jnp.linspace(-2.0, 2.0, 5, dtype=candidates.dtype)
     around = disparity[None] + changes[:, None, None]
     within = (around >= candidates[0]) & (around <= candidates[-1])
     displaced = jnp.where(within, _interpolated(costs, candidates, around), 1.0)

@@ -250,7 +250,7 @@ def grey_costs(
         offsets=offsets,
         combine=lambda sums, numbers: box_filter(sum_planes(sums) / numbers.sum(), 1),
     )
-    share = texture_share(views[v // 2, u // 2], level)
+    share = texture_share(views[v // 2, u // 2], level)[None]
     return share * fine + (1 - share) * broad
 
 
