@@ -4,7 +4,7 @@ The steps, each a function of :mod:`occjax.ops`:
 
 1. brightness by the centre view's own white, so that exposure and bit depth do not matter;
 2. costs of all candidates from grey and its derivatives, best part of the aperture, without the
-   favour that noise does to candidates between pixels;
+   favour that noise does to candidates between pixels; of blurred grey where noise hides texture;
 3. semi-global aggregation guided by the centre view, which carries disparity across untextured
    regions and stops at edges;
 4. the cheapest candidate, to a fraction of the spacing by a parabola through its neighbours;

@@ -1,13 +1,13 @@
 """What the light network chooses from: disparities proposed for each pixel, and their costs.
 
-All of it is computed without weights, by the steps of the photometric estimator: truncated costs
-over the best part of the aperture, semi-global aggregation, planes through Lucas-Kanade steps. The
-whole range is searched at half resolution, which takes a quarter of the time and finds as much:
-noise is weaker there, and where edges lie is for the choice to say. Away from depth edges the
-result is right, or nothing in the light field shows what is. Along an edge the
-costs of a pixel are mixed with those of the other surface, and the right disparity is that of a
-pixel a few places away. So each pixel is proposed the disparities of some neighbours, and that of
-the second best surface the aggregation knows.
+All of it is computed without weights, by the steps of the photometric estimator and one more:
+truncated costs over the best part of the aperture, their means over large surroundings, semi-global
+aggregation, planes through Lucas-Kanade steps. The whole range is searched at half resolution,
+which takes a quarter of the time and finds as much: noise is weaker there, and where edges lie is
+for the choice to say. Away from depth edges the result is right, or nothing in the light field
+shows what is. Along an edge the costs of a pixel are mixed with those of the other surface, and the
+right disparity is that of a pixel a few places away. So each pixel is proposed the disparities of
+some neighbours, and that of the second best surface the aggregation knows.
 """
 
 from __future__ import annotations
