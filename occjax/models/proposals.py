@@ -22,6 +22,7 @@ from occjax.models.config import DerivativeFeatures, NetworkConfig, SemiGlobalCo
 from occjax.ops.brightness import vignetted
 from occjax.ops.filtering import box_filter, edge_aware_mean, neighbours
 from occjax.ops.matching import grey_costs, semi_global
+from occjax.ops.noise import noise_level, noisiness
 from occjax.ops.planes import greatest_plane, least_plane, softmax_planes
 from occjax.ops.refinement import median_filter, refine_disparity, refinement_features
 from occjax.ops.regression import cheapest, confidence
@@ -124,8 +125,8 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
     """Search the whole range: costs of all candidates, aggregated semi-globally.
 
     Noisy walls tell their disparity by all of their pixels together. So the costs that are
-    aggregated have the means over large surroundings added to them; and where surfaces are
-    slanted, these means are taken once more, along the surfaces found.
+    aggregated have the means over large surroundings added to them, as far as there is noise; and
+    since surfaces are slanted, these means are taken once more, along the surfaces found.
 
     Args:
         grey: The views, of even height and width.
@@ -139,23 +140,30 @@ def search(grey: GreyViews, candidates: Float[Array, " d"], config: NetworkConfi
     prior = of_kind(config.stages[0].semi_global, SemiGlobalConfig)
     grey = GreyViews(halve(grey.views), grey.offsets)
     edges = box_filter(grey.centre, 1)[None] / EDGE
+    halved = candidates / 2  # in pixels of half resolution
+    noise = noise_level(grey.views, halved, offsets=grey.offsets)
     costs = grey_costs(
         grey.views,
-        candidates / 2,  # in pixels of half resolution
+        halved,
         grey_truncation=compared.grey_truncation,
         derivative_truncation=compared.derivative_truncation,
+        noise=noise,
         offsets=grey.offsets,
     )
-    costs = jnp.where(vignetted(grey.centre, DARKNESS), 0.0, costs)
+    dark = vignetted(grey.centre, DARKNESS)
+    costs = jnp.where(dark[None], 0.0, costs)
     aggregated = semi_global(
-        costs + edge_aware_mean(costs, edges, radius=REACH),
+        costs + noisiness(noise) * edge_aware_mean(costs, edges, radius=REACH),
         grey.centre,
         small_penalty=prior.smoothness * _spacing(candidates),
         large_penalty=prior.jump,
         guide_scale=prior.edge,
     )
     aggregated = aggregated - least_plane(aggregated)[None]
-    disparity = _along_surfaces(costs, candidates, cheapest(aggregated, candidates), edges)
+    disparity = cheapest(aggregated, candidates)
+    along = _along_surfaces(costs, candidates, disparity, edges)
+    # Where all is dark, only what was carried there along the paths is left.
+    disparity = jnp.where(dark, disparity, along)
     return Search(disparity, aggregated, softmax_planes(-aggregated / prior.temperature))
 
 

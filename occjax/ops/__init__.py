@@ -16,7 +16,7 @@ from occjax.ops.filtering import (
 )
 from occjax.ops.geometry import view_offsets
 from occjax.ops.matching import aperture_costs, grey_costs, sector_sums, semi_global
-from occjax.ops.noise import noise_level, texture_share
+from occjax.ops.noise import noise_level, noisiness, texture_share
 from occjax.ops.normals import surface_normals
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
 from occjax.ops.refinement import median_filter, refine_disparity, refinement_features
@@ -70,6 +70,7 @@ __all__ = [
     "median_filter",
     "neighbours",
     "noise_level",
+    "noisiness",
     "occlusion_maps",
     "occlusion_weights",
     "probability_near",

@@ -188,14 +188,15 @@ def grey_costs(
     grey_truncation: float,
     derivative_truncation: float,
     blurred_truncation: float = 0.003,
+    noise: Float[Array, ""] | None = None,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Float[Array, "d h w"]:
-    """Costs of grey and its derivatives where there is texture, of blurred grey where noise hides it.
+    """Costs of grey and its derivatives; of blurred grey where noise hides the texture.
 
     Derivatives do not see vignetting and the broad part of highlights, and are what tells weakly
     textured surfaces apart: :func:`aperture_costs` of grey and both derivatives. Noise is allowed
-    for: where it alone is beyond a truncation, all candidates would be alike, so that the truncation
-    is the root of the sum of squares of both.
+    for: where it alone is beyond a truncation, all candidates would be alike, so that the
+    truncation is the root of the sum of squares of both.
 
     Where the derivatives are noise alone (:func:`occjax.ops.texture_share`) they say nothing, and
     the best part of the aperture is that whose noise is least. What is left there is broad: the
@@ -208,6 +209,7 @@ def grey_costs(
         grey_truncation: Difference of grey that counts as "something else".
         derivative_truncation: The same of its derivatives, per pixel.
         blurred_truncation: The same of blurred grey.
+        noise: Standard deviation of the noise of grey; :func:`occjax.ops.noise_level` by default.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 
@@ -227,30 +229,31 @@ def grey_costs(
     """
     views = as_images(views, "v u h w")
     v, u = views.shape[:2]
-    level = noise_level(views, candidates, offsets=offsets)
+    if noise is None:
+        noise = noise_level(views, candidates, offsets=offsets)
     # A central difference, half of that of two pixels, has half the variance.
-    noise = level * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], views.dtype))
+    of_each = noise * jnp.sqrt(jnp.array([1.0, 0.5, 0.5], views.dtype))
     truncation = jnp.array(
         [grey_truncation, derivative_truncation, derivative_truncation], views.dtype
     )
     fine = aperture_costs(
         jnp.stack([views, *central_differences(views)], axis=-1),
         candidates,
-        truncation=jnp.hypot(truncation, noise),
-        noise=noise,
+        truncation=jnp.hypot(truncation, of_each),
+        noise=of_each,
         offsets=offsets,
     )
-    noise = BINOMIAL_GAIN * level[None]
+    blurred = BINOMIAL_GAIN * noise[None]
     broad = sector_sums(
         binomial_filter(views)[..., None],
         candidates,
-        truncation=jnp.hypot(jnp.array([blurred_truncation], views.dtype), noise),
-        noise=noise,
+        truncation=jnp.hypot(jnp.array([blurred_truncation], views.dtype), blurred),
+        noise=blurred,
         correlation=jnp.full((1, 2), BINOMIAL_CORRELATION, views.dtype),
         offsets=offsets,
         combine=lambda sums, numbers: box_filter(sum_planes(sums) / numbers.sum(), 1),
     )
-    share = texture_share(views[v // 2, u // 2], level)[None]
+    share = texture_share(views[v // 2, u // 2], noise)[None]
     return share * fine + (1 - share) * broad
 
 

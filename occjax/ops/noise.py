@@ -129,14 +129,30 @@ def noise_level(
     return jax.lax.stop_gradient(level)
 
 
-def texture_share(
-    image: Float[Array, "h w"], deviation: Float[Array, ""]
-) -> Float[Array, "h w"]:
+def noisiness(deviation: Float[Array, ""]) -> Float[Array, ""]:
+    """How far noise, and not what else differs between views, limits what they tell.
+
+    Args:
+        deviation: Standard deviation of the noise of grey, the white of the centre view at about
+            0.8, for example by :func:`noise_level`.
+
+    Returns:
+        Number in [0, 1]: the variance of noise by its sum with FAINT squared.
+
+    Example:
+        >>> round(float(noisiness(jnp.array(FAINT))), 3)
+        0.5
+    """
+    return jnp.square(deviation) / (jnp.square(deviation) + FAINT**2)
+
+
+def texture_share(image: Float[Array, "h w"], deviation: Float[Array, ""]) -> Float[Array, "h w"]:
     """How far the derivatives of an image, and its fine structure, are texture and not noise.
 
     In windows of 9x9 pixels: ``1 - noise / variance`` of the derivatives, a little less so that the
-    spread of the variance of noise alone does not pass for texture. Where noise is weaker than
-    FAINT, what little there is of derivatives is worth more than what else views may have in common.
+    spread of the variance of noise alone does not pass for texture. Under little noise
+    (:func:`noisiness`) what there is of derivatives is worth more than what else views may have in
+    common.
 
     Args:
         image: ``[h, w]`` grey image, the white of the centre view at about 0.8.
@@ -156,7 +172,7 @@ def texture_share(
     noise = jnp.square(deviation)
     little = jnp.finfo(image.dtype).tiny
     texture = jnp.clip(1 - MARGIN * noise / jnp.maximum(energy, little), 0.0, 1.0)
-    return 1 - noise / (noise + FAINT**2) * (1 - texture)
+    return 1 - noisiness(deviation) * (1 - texture)
 
 
 def thinned(maps: Float[Array, "*n h w"], most: int = 64) -> Float[Array, "*n i j"]:

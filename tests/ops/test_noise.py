@@ -49,7 +49,7 @@ def _blurred(shape, down, right, seed=0):
 
 
 def test_texture_is_told_from_noise():
-    """On one half waves, nothing on the other; the share by the closed form of their derivatives."""
+    """Waves on one half; the share by the closed form of their derivatives."""
     deviation, amplitude, frequency = 0.02, 0.1, 0.7
     image = np.random.default_rng(0).normal(0, deviation, (96, 128)).astype(np.float32)
     image[:, 64:] += amplitude * np.sin(frequency * np.arange(64))
