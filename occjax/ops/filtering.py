@@ -18,8 +18,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 BINOMIAL = (np.poly1d([0.5, 0.5]) ** 8).coeffs
+"""Weights of :func:`binomial_filter` along a row or a column."""
+
 BINOMIAL_GAIN = np.square(BINOMIAL).sum().item()
+"""Share of the standard deviation of independent noise that it leaves."""
+
 BINOMIAL_CORRELATION = (BINOMIAL[1:] @ BINOMIAL[:-1]).item() / BINOMIAL_GAIN
+"""Correlation of that noise from pixel to pixel."""
 
 
 def box_filter(image: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h w"]:
@@ -149,8 +154,9 @@ def edge_aware_mean(
     Example:
         >>> step = jnp.array([[0.0, 0.0, 0.0, 1.0, 1.0, 1.0]])
         >>> noisy = step + jnp.array([[0.3, -0.3, 0.0, -0.3, 0.3, 0.0]])
-        >>> edge_aware_mean(noisy[None], 100 * step[None], radius=50.0)[0].round(1).tolist()
-        [[0.0, 0.0, 0.0, 1.0, 1.0, 1.0]]
+        >>> means = edge_aware_mean(noisy[None], 100 * step[None], radius=50.0)[0]
+        >>> bool(jnp.abs(means - step).max() < 0.05)
+        True
     """
     weighed = jnp.concatenate([values, jnp.ones_like(values[:1])])
     sums = _gathered(jnp.moveaxis(weighed, 0, 1), guides, radius, passes)
