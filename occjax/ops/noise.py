@@ -152,7 +152,7 @@ def texture_share(image: Float[Array, "h w"], deviation: Float[Array, ""]) -> Fl
     In windows of 9x9 pixels: ``1 - noise / variance`` of the derivatives, a little less so that the
     spread of the variance of noise alone does not pass for texture. Under little noise
     (:func:`noisiness`) what there is of derivatives is worth more than what else views may have in
-    common.
+    common. No derivative passes through the shares.
 
     Args:
         image: ``[h, w]`` grey image, the white of the centre view at about 0.8.
@@ -166,13 +166,13 @@ def texture_share(image: Float[Array, "h w"], deviation: Float[Array, ""]) -> Fl
         >>> bool(texture_share(noise, jnp.array(0.1)).mean() < 0.1)
         True
     """
-    down, right = central_differences(image)
+    down, right = central_differences(jax.lax.stop_gradient(image))
     energy = box_filter(jnp.square(down) + jnp.square(right), WINDOW_RADIUS)
     # A central difference, half of that of two pixels, has half the variance; here are two.
     noise = jnp.square(deviation)
     little = jnp.finfo(image.dtype).tiny
     texture = jnp.clip(1 - MARGIN * noise / jnp.maximum(energy, little), 0.0, 1.0)
-    return 1 - noisiness(deviation) * (1 - texture)
+    return jax.lax.stop_gradient(1 - noisiness(deviation) * (1 - texture))
 
 
 def thinned(maps: Float[Array, "*n h w"], most: int = 64) -> Float[Array, "*n i j"]:

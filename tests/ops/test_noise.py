@@ -61,6 +61,13 @@ def test_texture_is_told_from_noise():
     assert share[8:-8, 8:-72].mean() < 0.06
 
 
+def test_no_derivative_passes_through_the_share_of_texture_even_where_all_is_blank():
+    deviation = jnp.float32(0.01)
+    for image in (jnp.zeros((12, 12)), jnp.asarray(_blurred((12, 12), 0.5, 0.5)[0])):
+        gradient = jax.grad(lambda image: noise.texture_share(image, deviation).sum())(image)
+        np.testing.assert_array_equal(gradient, np.zeros((12, 12)))
+
+
 def test_where_noise_is_weak_all_is_texture():
     draws = np.random.default_rng(0).normal(0, 1e-4, (32, 32)).astype(np.float32)
     assert float(noise.texture_share(jnp.asarray(draws), jnp.float32(1e-4)).min()) > 0.99
