@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import jaxtyping
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -95,3 +96,5 @@ def occjax_command(monkeypatch, capsys, cache):
     yield command
     for option, value in zip(options, before, strict=True):
         jax.config.update(option, value)
+    # JAX asks once whether there is a cache: all later tests would write to it as well.
+    compilation_cache.reset_cache()
