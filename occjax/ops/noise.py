@@ -5,8 +5,7 @@ whole pixels: of independent noise of variance s^2 the fraction ``interpolation_
 1 at whole pixels and 1/4 in the middle of four. Left alone, noise makes disparities that read
 between pixels look like better matches.
 
-Where neighbouring pixels are alike, more remains; :func:`blank_correlation` says how alike they are
-where there is little but noise.
+Where the noise of neighbouring pixels is correlated, more remains.
 """
 
 from __future__ import annotations
@@ -26,8 +25,12 @@ QUANTILE = 0.25
 MARGIN = 1.3
 """Variance of derivatives that is taken for noise, as a multiple of that of noise."""
 
-FAINT = 0.003
-"""Standard deviation of noise, of grey, that is neither weak nor strong."""
+FAINT = 0.002
+"""Standard deviation of noise, of grey, that is neither weak nor strong: twice what rounding to 8
+bits makes of images without noise."""
+
+ABRUPTNESS = 8
+"""Power of its ratio to that by which noise counts: half of it is none, twice of it is all."""
 
 
 def interpolation_gain(
@@ -137,13 +140,13 @@ def noisiness(deviation: Float[Array, ""]) -> Float[Array, ""]:
             0.8, for example by :func:`noise_level`.
 
     Returns:
-        Number in [0, 1]: the variance of noise by its sum with FAINT squared.
+        Number in [0, 1], one half at :data:`FAINT`.
 
     Example:
         >>> round(float(noisiness(jnp.array(FAINT))), 3)
         0.5
     """
-    return jnp.square(deviation) / (jnp.square(deviation) + FAINT**2)
+    return 1 - 1 / (1 + (deviation / FAINT) ** ABRUPTNESS)
 
 
 def texture_share(image: Float[Array, "h w"], deviation: Float[Array, ""]) -> Float[Array, "h w"]:
