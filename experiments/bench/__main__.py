@@ -12,9 +12,9 @@ Cost: on two cores half an hour, ``--train`` and the curves less; on a GPU minut
 to compile. Expected: occjax takes no longer than the fastest peer. On an H100 in bfloat16:
 inference of 256 pixels 40 ms and of 512 pixels 170 ms at most, half of the matrix product's speed
 and no more than 8 GB; the light network 10 ms at 512 pixels; a step of training 45 % of the
-product's speed. Nobody has measured that. ``benchmark.md`` and ``benchmark.json``, with ``--train``
-``training.md`` and ``training.json`` (``curves.json``, ``curves.png``) are written to the output
-folder.
+product's speed. What an H200 needed is in docs/performance.md. ``benchmark.md`` and
+``benchmark.json``, with ``--train`` ``training.md`` and ``training.json`` (``curves.json``,
+``curves.png``) are written to the output folder.
 
 The peers are the same network with the same weights, written for this comparison in
 ``experiments/bench/peers``. They need PyTorch and TensorFlow, which may be installed elsewhere:
@@ -54,11 +54,12 @@ from experiments.bench.candidates import (
     of_step,
 )
 from experiments.bench.exchange import inference_problem, training_problem
+from experiments.bench.ours import sample_corner
 from experiments.bench.processes import Timing, check_device, take_turns
 from experiments.command_line import main
 from experiments.markdown import markdown_table
 from experiments.networks import SCORES, small_form
-from occjax.data.sample import sample
+from occjax.data.sample import IMAGE_SIZE
 from occjax.errors import InputError
 from occjax.evaluation import bad_pix
 from occjax.models import preset
@@ -99,9 +100,9 @@ def table(timings: Sequence[Timing]) -> str:
     return markdown_table(head, rows, right=True)
 
 
-def accuracy(precision: Precision, device: Device) -> tuple[str, list[Timing]]:
+def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list[Timing]]:
     """What the light network loses to a precision on the bundled sample, in a sentence."""
-    truth = sample().ground_truth
+    truth = sample_corner(side).ground_truth
 
     def bad_pixels(answer: np.ndarray, reference: np.ndarray) -> dict[str, float]:
         scores = {"float32": bad_pix(reference, truth, BAD), precision: bad_pix(answer, truth, BAD)}
@@ -109,15 +110,15 @@ def accuracy(precision: Precision, device: Device) -> tuple[str, list[Timing]]:
 
     timings = take_turns(
         inference_problem(small_form(preset("occcasnet")), 16),
-        of_sample(precision),
+        of_sample(precision, side),
         repeats=1,
         device=device,
         compare=bad_pixels,
     )
     scores = timings[-1].apart
     return (
-        f"BadPix {BAD} of the light network on the bundled sample: {scores['float32']:.2f} % in "
-        f"float32, {scores[precision]:.2f} % in {precision}."
+        f"BadPix {BAD} of the light network on {side}x{side} pixels of the bundled sample: "
+        f"{scores['float32']:.2f} % in float32, {scores[precision]:.2f} % in {precision}."
     ), timings
 
 
@@ -200,7 +201,7 @@ def run(
             timings += take_turns(problem, candidates, **how)
     text = table(timings)
     if precision != "float32" and not train:
-        sentence, lost = accuracy(precision, device)
+        sentence, lost = accuracy(precision, device, 64 if small else max(IMAGE_SIZE))
         text, timings = f"{text}\n\n{sentence}", timings + lost
     print(text)
     if output is not None:

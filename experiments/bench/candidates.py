@@ -152,10 +152,10 @@ def for_training(
     )
 
 
-def of_sample(precision: Precision) -> tuple[Candidate, Candidate]:
-    """The light network on the bundled sample, in float32 and in a precision."""
-    full = Candidate("sample float32", "ours", "build_sample")
-    options = {"precision": precision}
+def of_sample(precision: Precision, side: int) -> tuple[Candidate, Candidate]:
+    """The light network on a corner of the bundled sample, in float32 and in a precision."""
+    full = Candidate("sample float32", "ours", "build_sample", {"side": side})
+    options = {"side": side, "precision": precision}
     name = f"sample {precision}"
     against = {"reference": full.name, "bound": 1.0}
     return full, Candidate(name, "ours", "build_sample", options, **against)

@@ -16,6 +16,7 @@ from occjax.data.samples import Sample
 from occjax.data.views import chosen_views
 from occjax.inference import Estimator
 from occjax.inference.network import infer
+from occjax.lightfield import LightField
 from occjax.models import OccCasNet, variable_shapes
 from occjax.models.bundled import find_weights
 from occjax.models.weights import load_weights
@@ -77,15 +78,28 @@ def build_light(problem: Problem, *, precision: str = "float32") -> Program:
     return _inference(variables, views, stages, precision)
 
 
-def build_sample(problem: Problem, *, precision: str = "float32") -> Program:
+def sample_corner(side: int) -> LightField:
+    """The upper left of the bundled sample, so many pixels high and wide."""
+    whole = sample()
+    assert whole.ground_truth is not None
+    return LightField(
+        whole.views[:, :, :side, :side],
+        name=whole.name,
+        disparity_range=whole.disparity_range,
+        ground_truth=whole.ground_truth[:side, :side],
+    )
+
+
+def build_sample(problem: Problem, *, side: int, precision: str = "float32") -> Program:
     """``occjax.estimate`` of the bundled sample by the light network, whatever the problem.
 
     Args:
         problem: Any.
+        side: Of the sample's corner that is estimated, in pixels.
         precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
     """
     estimator = Estimator("light", precision=precision)
-    light_field = sample()
+    light_field = sample_corner(side)
     return Program(lambda: estimator(light_field).disparity, peak_memory=peak_memory)
 
 
