@@ -54,12 +54,12 @@ from experiments.bench.candidates import (
     of_step,
 )
 from experiments.bench.exchange import inference_problem, training_problem
-from experiments.bench.ours import sample_corner
 from experiments.bench.processes import Timing, check_device, take_turns
 from experiments.command_line import main
+from experiments.cut_outs import cut_out
 from experiments.markdown import markdown_table
 from experiments.networks import SCORES, small_form
-from occjax.data.sample import IMAGE_SIZE
+from occjax.data.sample import IMAGE_SIZE, sample
 from occjax.errors import InputError
 from occjax.evaluation import bad_pix
 from occjax.models import preset
@@ -102,7 +102,7 @@ def table(timings: Sequence[Timing]) -> str:
 
 def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list[Timing]]:
     """What the light network loses to a precision on the bundled sample, in a sentence."""
-    truth = sample_corner(side).ground_truth
+    truth = cut_out(sample(), side).ground_truth
 
     def bad_pixels(answer: np.ndarray, reference: np.ndarray) -> dict[str, float]:
         scores = {"float32": bad_pix(reference, truth, BAD), precision: bad_pix(answer, truth, BAD)}

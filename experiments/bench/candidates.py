@@ -153,7 +153,7 @@ def for_training(
 
 
 def of_sample(precision: Precision, side: int) -> tuple[Candidate, Candidate]:
-    """The light network on a corner of the bundled sample, in float32 and in a precision."""
+    """The light network on the middle of the bundled sample, in float32 and in a precision."""
     full = Candidate("sample float32", "ours", "build_sample", {"side": side})
     options = {"side": side, "precision": precision}
     name = f"sample {precision}"

@@ -11,12 +11,12 @@ import numpy as np
 
 from experiments.bench.exchange import configure, unflatten
 from experiments.bench.peers.description import Problem, Program
+from experiments.cut_outs import cut_out
 from occjax.data.sample import sample
 from occjax.data.samples import Sample
 from occjax.data.views import chosen_views
 from occjax.inference import Estimator
 from occjax.inference.network import infer
-from occjax.lightfield import LightField
 from occjax.models import OccCasNet, variable_shapes
 from occjax.models.bundled import find_weights
 from occjax.models.weights import load_weights
@@ -78,28 +78,16 @@ def build_light(problem: Problem, *, precision: str = "float32") -> Program:
     return _inference(variables, views, stages, precision)
 
 
-def sample_corner(side: int) -> LightField:
-    """The upper left of the bundled sample, so many pixels high and wide."""
-    whole = sample()
-    assert whole.ground_truth is not None
-    return LightField(
-        whole.views[:, :, :side, :side],
-        name=whole.name,
-        disparity_range=whole.disparity_range,
-        ground_truth=whole.ground_truth[:side, :side],
-    )
-
-
 def build_sample(problem: Problem, *, side: int, precision: str = "float32") -> Program:
     """``occjax.estimate`` of the bundled sample by the light network, whatever the problem.
 
     Args:
         problem: Any.
-        side: Of the sample's corner that is estimated, in pixels.
+        side: Of the square in its middle that is estimated, in pixels.
         precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
     """
     estimator = Estimator("light", precision=precision)
-    light_field = sample_corner(side)
+    light_field = cut_out(sample(), side)
     return Program(lambda: estimator(light_field).disparity, peak_memory=peak_memory)
 
 

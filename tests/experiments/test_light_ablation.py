@@ -9,17 +9,17 @@ from experiments.light_ablation import ROWS, Scale, base_recipe
 from occjax.errors import InputError
 
 
-def test_the_small_form_trains_a_row_and_prints_it(tmp_path, capsys):
-    rows = ("one ray per pixel",)
+def test_the_small_form_trains_its_rows_and_prints_them(tmp_path, capsys):
+    rows = ("as it is", "one ray per pixel")
     results = light_ablation.run(tmp_path, rows=rows, small=True)
     assert tuple(results) == rows
     printed = capsys.readouterr().out.splitlines()
     table = [line for line in printed if line.startswith("|")]
     assert table[0].startswith("| training | procedural")
     bad = results["one ray per pixel"]["badpix_0.07"]
-    assert table[2].startswith("| one ray per pixel |")
-    assert f" / {bad:.1f} / " in table[2]
-    # A row that is done is read, not trained again.
+    assert table[3].startswith("| one ray per pixel |")
+    assert f" / {bad:.1f} / " in table[3]
+    # Done rows are read, not trained again.
     assert light_ablation.run(tmp_path, rows=rows, small=True) == results
 
 

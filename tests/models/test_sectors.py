@@ -46,23 +46,11 @@ NEAR = dataclasses.replace(CONFIG, reach=1.0)
 """Of a grid of 3x3 views no disparity is scaled."""
 
 
-@pytest.fixture(scope="module")
-def slanted():
-    """A slanted plane in 3x3 views of 64x32 pixels."""
-    return plane(grid=(3, 3), size=(64, 32), disparity=0.4, slope=(0.005, -0.003))
-
-
-@pytest.fixture(scope="module")
-def untrained(slanted):
-    """Variables as they are before training."""
-    return jax.jit(OccCasNet(NEAR).init)(jax.random.key(0), jnp.asarray(slanted.grey()))
-
-
 def _views(*shape, seed=0):
     return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
 
 
-@pytest.mark.parametrize("shape", [(1, 4, 16, 48), (5, 1, 17, 5), (2, 2, 3, 3)])
+@pytest.mark.parametrize("shape", [(3, 3, 33, 41), (1, 4, 16, 48), (5, 1, 17, 5), (2, 2, 3, 3)])
 def test_any_grid_and_any_size_give_a_map_of_that_size(variables, shape):
     outputs = apply(variables, _views(*shape))
     assert len(outputs) == 3
@@ -102,20 +90,20 @@ def test_views_twice_as_far_apart_have_half_the_disparity(variables):
 
 def test_candidates_of_any_number_can_be_given(variables):
     views = _views(3, 3, 16, 16)
-    candidates = jnp.linspace(5.0, 9.0, 9)
+    candidates = jnp.linspace(5.0, 9.0, 13)
     coarse = apply(variables, views, view_offsets(3, 3), candidates)[0]
-    assert coarse.probabilities.shape[0] == 9
+    assert coarse.probabilities.shape[0] == 13
     assert coarse.disparity.min() >= 5.0
     assert coarse.disparity.max() <= 9.0
 
 
-def test_a_size_that_needs_padding_gives_the_same_disparity_as_one_that_needs_none(
-    slanted, untrained
-):
-    views = jnp.asarray(slanted.grey())
+def test_a_size_that_needs_padding_gives_the_same_disparity_as_one_that_needs_none():
+    scene = plane(grid=(3, 3), size=(64, 48), disparity=0.4, slope=(0.005, -0.003))
+    views = jnp.asarray(scene.grey())
     assert NEAR.multiple == 16
-    whole = apply(untrained, views, config=NEAR)[-1].disparity
-    part = apply(untrained, views[..., :50, :], config=NEAR)[-1].disparity
+    fresh = jax.jit(OccCasNet(NEAR).init)(jax.random.key(0), views)
+    whole = apply(fresh, views[..., :32], config=NEAR)[-1].disparity
+    part = apply(fresh, views[..., :50, :32], config=NEAR)[-1].disparity
     assert part.shape == (50, 32)
     # Not quite: the noise of a view is estimated from all of it.
     assert np.quantile(np.abs(part - whole[:50])[8:40, 8:-8], 0.95) < 0.01
@@ -282,14 +270,18 @@ def test_means_along_a_slanted_surface_find_it_where_those_of_one_disparity_do_n
     assert other > 3 * error
 
 
-def test_before_training_it_is_semi_global_matching_with_planes(slanted, untrained):
+def test_before_training_it_is_semi_global_matching_with_planes():
     """What an untrained network answers on a slanted plane is already right."""
-    coarse, refined, last = apply(untrained, jnp.asarray(slanted.grey()), config=NEAR)
+    scene = plane(grid=(5, 5), size=(48, 48), disparity=0.4, slope=(0.01, -0.006))
+    views = jnp.asarray(scene.grey())
+    config = dataclasses.replace(CONFIG, reach=2.0)
+    fresh = jax.jit(OccCasNet(config).init)(jax.random.key(0), views)
+    coarse, refined, last = apply(fresh, views, config=config)
     errors = [
-        np.median(np.abs(output.disparity - slanted.ground_truth)[6:-6, 6:-6])
+        np.median(np.abs(output.disparity - scene.ground_truth)[6:-6, 6:-6])
         for output in (coarse, refined, last)
     ]
-    assert errors[0] < 0.25  # the spacing of the candidates
+    assert errors[0] < 0.1
     assert errors[1] < 0.02
     assert errors[2] < 0.02
 
