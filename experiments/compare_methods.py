@@ -87,7 +87,7 @@ def run(
 def compare(
     scene: Path, paths: Mapping[str, Path], output: Path, *, border: int
 ) -> dict[str, SceneScores]:
-    """Write the table and the pictures, and print the table.
+    """Write the table and the pictures, print the table and what was written.
 
     Args:
         scene: Folder with ground truth, and maybe masks.
@@ -106,14 +106,17 @@ def compare(
         temporary.write_text(table(scores) + "\n", encoding="utf-8")
     title = f"{scene.resolve().name}: inside is better, the numbers are those of the rim"
     save(radar_figure({n: s.values for n, s in scores.items()}, title=title), output / "radar.png")
+    written = ["scores.md", "radar.png"]
     truth = read_pfm(scene / GROUND_TRUTH)
     maps = {name: read_disparity(path) for name, path in paths.items()}
     for first, second in combinations(maps, 2):
         figure = pairwise_figure(
             maps[first], maps[second], truth, names=(first, second), border=border
         )
-        save(figure, output / f"{first}_against_{second}.png")
+        written.append(f"{first}_against_{second}.png")
+        save(figure, output / written[-1])
     print(table(scores))
+    print(f"\n{', '.join(written)} written to {output}")
     return scores
 
 

@@ -59,7 +59,7 @@ from experiments.command_line import main
 from experiments.cut_outs import cut_out
 from experiments.markdown import markdown_table
 from experiments.networks import SCORES, small_form
-from occjax.data.sample import IMAGE_SIZE, sample
+from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.evaluation import bad_pix
 from occjax.models import preset
@@ -201,7 +201,7 @@ def run(
             timings += take_turns(problem, candidates, **how)
     text = table(timings)
     if precision != "float32" and not train:
-        sentence, lost = accuracy(precision, device, 64 if small else max(IMAGE_SIZE))
+        sentence, lost = accuracy(precision, device, 64 if small else max(sample().image_size))
         text, timings = f"{text}\n\n{sentence}", timings + lost
     print(text)
     if output is not None:

@@ -3,8 +3,7 @@
 :func:`generate` draws a scene (:mod:`occjax.data.random_scenes`), intersects every ray of every
 view with every surface in closed form (:mod:`occjax.data.patches`), shades what is nearest
 (:mod:`occjax.data.shading`) and adds the faults of a camera (:mod:`occjax.data.sensor`). Disparity
-and visibility are exact. For light fields to look at, see :mod:`occjax.data.procedural`, which
-traces shadows and has colours, but is far slower.
+and visibility are exact.
 """
 
 from __future__ import annotations

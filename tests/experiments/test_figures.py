@@ -234,7 +234,7 @@ def test_colours_reach_over_all_maps_that_have_no_truth(tmp_path):
 
 
 def test_a_scene_without_ground_truth_is_drawn(script, tmp_path):
-    part = cut_out(sample().central(3, 3), 48)
+    part = cut_out(sample().central(3, 3), 48, (128, 64))
     np.save(tmp_path / "scene.npy", part.views)
     write_pfm(tmp_path / "a.pfm", np.zeros(part.image_size, np.float32))
     code, out, err = script(

@@ -39,19 +39,21 @@ def test_the_list_of_scripts_is_whole():
 
 
 def test_what_is_printed_and_drawn_is_kept(script, tmp_path):
-    code, out, _ = script(small_forms.run, "figures", "-o", tmp_path)
-    assert (code, out) == (0, "figures\n")
-    # Pictures of many views are large.
-    kept = {path.name: path.stat().st_size for path in (tmp_path / "figures").iterdir()}
+    code, out, _ = script(small_forms.run, "compare_methods", "benchmark_table", "-o", tmp_path)
+    assert (code, out) == (0, "compare_methods\nbenchmark_table\n")
+    kept = {str(path.relative_to(tmp_path)): path for path in tmp_path.glob("*/*")}
     assert set(kept) == {
-        *("printed.md", "angular_patches.png", "methods.png", "occlusion.png", "stages.png"),
-        *("light_field.webp", "occlusion_maps.webp"),
+        *(f"compare_methods/{name}" for name in ("printed.md", "moved_against_half.png")),
+        "compare_methods/radar.png",
+        # A picture of many maps is large.
+        *(f"benchmark_table/{name}" for name in ("printed.md", "benchmark_table.webp")),
     }
-    assert max(kept.values()) < 200_000
-    with Image.open(tmp_path / "figures" / "light_field.webp") as image:
+    assert max(path.stat().st_size for path in kept.values()) < 200_000
+    with Image.open(kept["benchmark_table/benchmark_table.webp"]) as image:
         assert image.width > 1000
-    assert "light_field.png, " in (tmp_path / "figures" / "printed.md").read_text()
-    assert (tmp_path / "figures" / "printed.md").read_text().endswith(" in FOLDER\n")
+    printed = kept["compare_methods/printed.md"].read_text()
+    assert "radar.png" in printed
+    assert printed.endswith(" written to FOLDER\n")
 
 
 def test_a_script_that_fails_is_named(script, tmp_path, monkeypatch):

@@ -31,7 +31,7 @@ def test_the_small_form_scores_the_sample(tmp_path, capsys, monkeypatch):
     results = validation_scores.run(models=("photometric",), output=file, small=True)
     (scores,) = results.values()
     metrics = scores["photometric"].metrics
-    assert 0 < metrics.badpix[0.07] < 60
+    assert 0 < metrics.badpix[0.01] < 60
     written = file.read_text(encoding="utf-8")
     assert f"| photometric | {metrics.mse_x100:.2f} |" in written
     assert written in capsys.readouterr().out

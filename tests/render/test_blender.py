@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import occjax
+from occjax.data.sample import sample
 from occjax.errors import InputError
+from occjax.io import read_image, read_pfm
 from occjax.ops import warp
 from occjax.render import RenderConfig, find_blender, render_scene
 from occjax.render import __file__ as package
@@ -125,3 +127,15 @@ def test_record_tells_which_objects_are_glossy_and_plain(rendered):
     numbers = [*record["plain"], *record["glossy"]]
     assert numbers
     assert min(numbers) >= 1
+
+
+def test_the_bundled_sample_is_of_the_scene_that_its_recipe_names(blender, tmp_path):
+    config = RenderConfig(seed=3010, grid=(1, 1), samples=4)
+    scene = render_scene(tmp_path / "scene", config, blender=blender)
+    bundled = sample()
+    truth = read_pfm(scene / "gt_disp_lowres.pfm")
+    np.testing.assert_allclose(truth, bundled.ground_truth, atol=1e-5)
+    difference = read_image(scene / view_name(0)).astype(float) - bundled.centre
+    of_blocks = difference.reshape(16, 16, 16, 16, 3).mean((1, 3))
+    # Of few rays: noise, and darker, since the tone curve is concave.
+    assert np.quantile(np.abs(of_blocks), 0.9) < 8
