@@ -106,7 +106,9 @@ def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list
 
     def bad_pixels(answer: np.ndarray, reference: np.ndarray) -> dict[str, float]:
         scores = {"float32": bad_pix(reference, truth, BAD), precision: bad_pix(answer, truth, BAD)}
-        return {"change": scores[precision] - scores["float32"], **scores}
+        change = scores[precision] - scores["float32"]
+        apart = float(np.abs(answer - reference).max())
+        return {"change": change, "largest difference": apart, **scores}
 
     timings = take_turns(
         inference_problem(small_form(preset("occcasnet")), 16),
