@@ -3,8 +3,8 @@
 import os
 import sys
 
-# Most of the time goes into compilation: machine code of the same programs, not optimised, takes half
-# of it for the light network.
+# Most of the time goes into compilation: machine code of the same programs, not optimised, takes
+# half of it for the light network.
 os.environ.setdefault(
     "XLA_FLAGS", "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
 )
