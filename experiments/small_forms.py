@@ -86,13 +86,15 @@ def run(
             place = output / name
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir(parents=True)
-            (place / "printed.md").write_text(done.stdout.replace(str(made), "FOLDER"))
+            printed = done.stdout.replace(str(made), "FOLDER")
             for picture in sorted(made.glob("*.png")):
                 if picture.stat().st_size <= LARGEST:
                     shutil.copy(picture, place)
                 else:
                     with Image.open(picture) as image:
                         image.convert("RGB").save(place / f"{picture.stem}.webp", method=6)
+                    printed = printed.replace(picture.name, f"{picture.stem}.webp")
+            (place / "printed.md").write_text(printed)
     return failed
 
 

@@ -16,6 +16,7 @@ import imageio.v3 as imageio
 import tyro
 from tyro.conf import Positional
 
+from occjax.cli.running import exit_with
 from occjax.errors import InputError
 from occjax.evaluation.scene_files import GROUND_TRUTH, PARAMETERS
 from occjax.io import atomic_path, join_tiles, load, read_image, read_pfm, split_tiles, write_pfm
@@ -62,26 +63,36 @@ def sample() -> LightField:
     )
 
 
-def write_sample(scene: Positional[Path], folder: Path = Path(__file__).parent) -> None:
+def write_sample(scene: Positional[Path], folder: Path = Path(__file__).parent) -> int:
     """Make the bundled files of a rendered scene.
 
     Args:
         scene: Folder of the scene, as ``occjax render`` leaves it.
         folder: Where the files go; by default into the package.
 
+    Returns:
+        0, the exit code.
+
     Raises:
-        InputError: If the scene cannot be read or has no ground truth.
+        InputError: If the scene cannot be read, is not of 9x9 views, or has no ground truth or
+            calibration.
     """
     light_field = load(scene)
-    if light_field.ground_truth is None:
-        raise InputError(f"{scene}: has no {GROUND_TRUTH}; the sample needs its ground truth")
+    truth = light_field.ground_truth
+    if truth is None or light_field.calibration is None:
+        missing = GROUND_TRUTH if truth is None else PARAMETERS
+        raise InputError(f"{scene}: has no {missing}; the sample needs it")
+    if light_field.grid != GRID:
+        v, u = light_field.grid
+        raise InputError(f"{scene}: has {v}x{u} views; the sample has 9x9")
     with atomic_path(folder / VIEWS_FILE) as path:
         tables = [[step] * 64 for step in JPEG_STEPS]
         mosaic = join_tiles(light_field.views)
         imageio.imwrite(path, mosaic, qtables=tables, subsampling=0, optimize=True)
-    write_pfm(folder / DISPARITY_FILE, light_field.ground_truth)
+    write_pfm(folder / DISPARITY_FILE, truth)
     shutil.copyfile(scene / PARAMETERS, folder / PARAMETERS_FILE)
+    return 0
 
 
 if __name__ == "__main__":
-    tyro.cli(write_sample)
+    exit_with(lambda: tyro.cli(write_sample))

@@ -8,7 +8,7 @@ import numpy as np
 
 from occjax.data.views import chosen_views
 from occjax.errors import InputError
-from occjax.io import check
+from occjax.io import Orientation, check
 from occjax.lightfield import LightField, to_grey
 from occjax.models import PRESETS, NetworkConfig
 from occjax.models.config import of_kind
@@ -152,6 +152,8 @@ def choose_range(
         return light_field.disparity_range, []
     report = check(light_field)
     low, high = report.disparity_range
+    if report.best == Orientation().reversed_sign:  # but it is used as declared
+        low, high = -high, -low
     if not report.measured:
         note = (
             f"no texture to measure the disparity range from; [{low:.2f}, {high:.2f}] is searched"

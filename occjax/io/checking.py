@@ -111,7 +111,7 @@ def check(light_field: LightField) -> OrientationReport:
         'rows flipped'
     """
     if light_field.grid == (1, 1):
-        raise InputError(f"{light_field.name}: one view has no order to check; give at least two")
+        raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
     far_and_wide = cross(light_field, COARSE_SIZE)
     if far_and_wide.reach == 0.0:
         raise InputError(f"{light_field.name}: all positions are the same; give where cameras were")

@@ -15,8 +15,12 @@ import occjax
 from occjax.errors import InputError
 from occjax.inference import Estimator, estimate
 from occjax.inference.estimate import _compiled
+from occjax.inference.preparation import choose_range
+from occjax.io import Orientation, check
+from occjax.lightfield import LightField
 from occjax.models import bundled, preset
 from occjax.models.weights import save_weights
+from tests.io.scenes import two_planes
 from tests.reference.variables import random_variables
 from tests.scenes import plane
 
@@ -97,6 +101,15 @@ def test_without_a_range_the_images_give_it(photometric):
     assert low < 0.8 < high
     assert any("found by photo-consistency" in note for note in result.notes)
     assert np.median(interior_error(result, light_field)) < 0.03
+
+
+def test_the_range_is_that_of_the_layout_which_is_used():
+    """Occlusion says that the grid is turned by 180 degrees; it is taken as declared."""
+    turned = LightField(two_planes()[0][::-1, ::-1])  # disparities of 1 and -1.5
+    assert check(turned).best == Orientation().reversed_sign
+    (low, high), _ = choose_range(turned, None)
+    assert -2.0 <= low < -1.5
+    assert 1.0 < high <= 1.5
 
 
 def test_the_range_of_the_file_is_used_silently(photometric):
