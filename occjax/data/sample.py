@@ -13,10 +13,8 @@ from importlib import resources
 from pathlib import Path
 
 import imageio.v3 as imageio
-import tyro
 from tyro.conf import Positional
 
-from occjax.cli.running import exit_with
 from occjax.errors import InputError
 from occjax.evaluation.scene_files import GROUND_TRUTH, PARAMETERS
 from occjax.io import atomic_path, join_tiles, load, read_image, read_pfm, split_tiles, write_pfm
@@ -63,15 +61,12 @@ def sample() -> LightField:
     )
 
 
-def write_sample(scene: Positional[Path], folder: Path = Path(__file__).parent) -> int:
+def write_sample(scene: Positional[Path], folder: Path = Path(__file__).parent) -> None:
     """Make the bundled files of a rendered scene.
 
     Args:
         scene: Folder of the scene, as ``occjax render`` leaves it.
         folder: Where the files go; by default into the package.
-
-    Returns:
-        0, the exit code.
 
     Raises:
         InputError: If the scene cannot be read, is not of 9x9 views, or has no ground truth or
@@ -91,8 +86,11 @@ def write_sample(scene: Positional[Path], folder: Path = Path(__file__).parent) 
         imageio.imwrite(path, mosaic, qtables=tables, subsampling=0, optimize=True)
     write_pfm(folder / DISPARITY_FILE, truth)
     shutil.copyfile(scene / PARAMETERS, folder / PARAMETERS_FILE)
-    return 0
 
 
 if __name__ == "__main__":
-    exit_with(lambda: tyro.cli(write_sample))
+    import tyro
+
+    from occjax.cli.running import exit_with
+
+    exit_with(lambda: tyro.cli(write_sample) or 0)
