@@ -8,6 +8,7 @@ from occjax.data.sample import sample, write_sample
 from occjax.errors import InputError
 from occjax.io import read_image, read_pfm, split_tiles, write_pfm
 from occjax.lightfield import GREY_WEIGHTS
+from occjax.render.folder import view_name
 from tests.io.files import CONFIG, hci, save_views
 from tests.scenes import plane
 
@@ -60,7 +61,7 @@ def test_views_agree_where_nothing_is_in_front_and_only_there(light_field, view)
 def test_a_scene_becomes_the_bundled_files(tmp_path):
     whole = plane(grid=(9, 9), size=(32, 24), slope=(0.01, -0.02))
     views, truth = (whole.views * 255).round().astype(np.uint8), whole.ground_truth
-    scene = save_views(tmp_path / "scene", views, lambda v, u: f"input_Cam{9 * v + u:03d}.png")
+    scene = save_views(tmp_path / "scene", views, lambda v, u: view_name(9 * v + u))
     write_pfm(scene / "gt_disp_lowres.pfm", truth)
     config = CONFIG.replace("cams_x = 3", "cams_x = 9").replace("cams_y = 3", "cams_y = 9")
     (scene / "parameters.cfg").write_text(config)

@@ -38,21 +38,22 @@ def test_the_list_of_scripts_is_whole():
         assert f"`python -m experiments.{name}" in cells[2]
 
 
-def test_what_is_printed_and_drawn_is_kept(script, tmp_path):
+def test_what_is_printed_and_drawn_is_kept(script, tmp_path, monkeypatch):
+    monkeypatch.setattr(small_forms, "LARGEST", 40_000)
     code, out, _ = script(small_forms.run, "compare_methods", "benchmark_table", "-o", tmp_path)
     assert (code, out) == (0, "compare_methods\nbenchmark_table\n")
     kept = {str(path.relative_to(tmp_path)): path for path in tmp_path.glob("*/*")}
     assert set(kept) == {
         *(f"compare_methods/{name}" for name in ("printed.md", "moved_against_half.png")),
-        "compare_methods/radar.png",
-        # A picture of many maps is large.
+        # These are large.
+        "compare_methods/radar.webp",
         *(f"benchmark_table/{name}" for name in ("printed.md", "benchmark_table.webp")),
     }
     assert max(path.stat().st_size for path in kept.values()) < 200_000
     with Image.open(kept["benchmark_table/benchmark_table.webp"]) as image:
         assert image.width > 1000
     printed = kept["compare_methods/printed.md"].read_text()
-    assert "radar.png" in printed
+    assert "scores.md, radar.webp, moved_against_half.png" in printed
     assert printed.endswith(" written to FOLDER\n")
 
 
