@@ -12,8 +12,9 @@ from tqdm import tqdm
 
 from occjax.data.scene_config import Defects, Outlines, SceneConfig, Textures
 from occjax.errors import InputError
+from occjax.io.claims import read_description
 from occjax.training import Recipe, Scene, make_source, read_log, train
-from occjax.training.checkpoints import CONFIG_FILE, read_description
+from occjax.training.checkpoints import CONFIG_FILE
 from occjax.training.step import BatchSource
 
 R = TypeVar("R")
@@ -70,7 +71,7 @@ def scores_if_done(place: Path) -> Scores | None:
     """
     if not (place / CONFIG_FILE).is_file():
         return None
-    steps = read_description(place)["steps"]
+    steps = read_description(place / CONFIG_FILE)["steps"]
     entries = [entry for entry in read_log(place) if entry["kind"] == "validation"]
     return entries[-1] if entries and entries[-1]["step"] == steps else None
 

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 import zipfile
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -31,7 +29,8 @@ from occjax.data.scene_config import SceneConfig
 from occjax.data.sources import Source, check_batch_size, vary
 from occjax.data.views import Selection, select_views
 from occjax.errors import InputError
-from occjax.io.atomic import atomic_path, check_writable
+from occjax.io.atomic import atomic_path
+from occjax.io.claims import claim_folder
 from occjax.io.files import reading
 
 DESCRIPTION = "pool.json"
@@ -70,7 +69,7 @@ def render_pool(
     folder = Path(folder)
     if count < 1:
         raise InputError(f"{folder}: a pool of {count} light fields; it must have at least 1")
-    _claim(folder, _description(config, seed, photographs))
+    claim_folder(folder, DESCRIPTION, _description(config, seed, photographs), contents="a pool")
     missing = [number for number in range(count) if not light_field_file(folder, number).exists()]
     root = jax.random.key(seed)
     textures = None if photographs is None else jnp.asarray(photographs)
@@ -211,49 +210,9 @@ def _description(config: SceneConfig, seed: int, photographs: np.ndarray | Array
     textures = None
     if photographs is not None:
         textures = hashlib.sha256(np.asarray(photographs, np.float32).tobytes()).hexdigest()
-    # Through JSON and back, as the stored description went: tuples become lists.
-    return json.loads(
-        json.dumps(
-            {
-                "version": occjax.__version__,
-                "seed": seed,
-                "photographs": textures,
-                "scenes": dataclasses.asdict(config),
-            }
-        )
-    )
-
-
-def _claim(folder: Path, wanted: dict) -> None:
-    """Write the description of a new pool, or compare it with that of the one that is there."""
-    check_writable(folder)
-    path = folder / DESCRIPTION
-    if not path.exists():
-        if folder.is_dir() and any(folder.glob("*.npz")):
-            raise InputError(
-                f"{folder}: has .npz files but no {DESCRIPTION}; choose another folder"
-            )
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
-        return
-    with reading(path):
-        text = path.read_text(encoding="utf-8")
-    try:
-        stored = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: is damaged ({error}); remove the pool or repair it") from error
-    differences = list(_differences(stored, wanted))
-    if differences:
-        raise InputError(
-            f"{folder}: is a pool of other light fields ({'; '.join(differences[:3])}); "
-            "choose another folder"
-        )
-
-
-def _differences(stored, wanted, name: str = "") -> Iterator[str]:
-    """Entries in which two descriptions differ."""
-    if isinstance(stored, dict) and isinstance(wanted, dict):
-        for key in sorted({*stored, *wanted}):
-            yield from _differences(stored.get(key), wanted.get(key), f"{name}.{key}".lstrip("."))
-    elif stored != wanted:
-        yield f"{name} is {stored} there, {wanted} is asked for"
+    return {
+        "version": occjax.__version__,
+        "seed": seed,
+        "photographs": textures,
+        "scenes": dataclasses.asdict(config),
+    }

@@ -1,4 +1,4 @@
-"""Network configurations as JSON, and how two of them differ."""
+"""Network configurations as JSON."""
 
 from __future__ import annotations
 
@@ -77,37 +77,3 @@ def config_from_json(text: str) -> NetworkConfig:
     if not isinstance(config, NetworkConfig):
         raise ValueError("no network configuration")
     return config
-
-
-def first_difference(wanted: Any, stored: Any) -> str | None:
-    """The first field in which two configurations differ, in words.
-
-    Args:
-        wanted: A configuration, as ``dataclasses.asdict`` or JSON gives it.
-        stored: Another one.
-
-    Returns:
-        For instance ``"optimiser.peak_rate is 0.001, not 0.01"`` (the stored value comes first), or
-        None if they agree.
-
-    Example:
-        >>> first_difference({"loss": {"border": 2}}, {"loss": {"border": 0}})
-        'loss.border is 0, not 2'
-    """
-    ours, theirs = dict(_leaves(wanted)), dict(_leaves(stored))
-    for name in (*ours, *theirs):
-        if name not in ours or name not in theirs or ours[name] != theirs[name]:
-            return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
-    return None
-
-
-def _leaves(value: Any, name: str = ""):
-    """Values of a tree of dictionaries and sequences with their paths, ``stages[0].width``."""
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from _leaves(item, f"{name}.{key}" if name else str(key))
-    elif isinstance(value, list | tuple) and value and isinstance(value[0], dict):
-        for index, item in enumerate(value):
-            yield from _leaves(item, f"{name}[{index}]")
-    else:
-        yield name, list(value) if isinstance(value, tuple) else value

@@ -16,9 +16,10 @@ from safetensors.numpy import save_file
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
+from occjax.io.claims import first_difference
 from occjax.models.cascade import variable_shapes
 from occjax.models.config import NetworkConfig, Warp
-from occjax.models.description import config_from_json, config_to_json, first_difference
+from occjax.models.description import config_from_json, config_to_json
 from occjax.models.presets import preset
 from occjax.models.published import load_published_weights
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,14 +12,13 @@ from orbax.checkpoint.checkpoint_managers import preservation_policy
 
 import occjax
 from occjax.errors import InputError
-from occjax.io.atomic import atomic_path
-from occjax.models.description import first_difference
+from occjax.io.claims import claim_folder, write_description
 from occjax.training.step import TrainState
 
 CHECKPOINTS = "checkpoints"
 CONFIG_FILE = "config.json"
-MAY_CHANGE = ("steps",)
-"""Fields of the configuration that may differ when training is resumed: it can be made longer."""
+MAY_CHANGE = ("steps", "occjax")
+"""What may differ when training is resumed: it can be made longer, and the package newer."""
 
 SCORE = "score"
 """Name of the one number that says which checkpoint is best; lower is better."""
@@ -106,7 +104,7 @@ class Checkpoints:
             ) from error
 
 
-def claim_folder(folder: Path, description: Mapping[str, Any]) -> None:
+def claim_training(folder: Path, description: Mapping[str, Any]) -> None:
     """Make a folder that of a training, or see that it is already that of the same one.
 
     Args:
@@ -116,48 +114,10 @@ def claim_folder(folder: Path, description: Mapping[str, Any]) -> None:
     Raises:
         InputError: If the folder holds another training, or something else, or cannot be written.
     """
-    file = folder / CONFIG_FILE
-    description = json.loads(json.dumps(description, default=str))
-    if file.is_file():
-        difference = first_difference(_fixed(description), _fixed(read_description(folder)))
-        if difference is not None:
-            raise InputError(
-                f"{folder}: holds a training of another configuration: {difference}; "
-                "choose another folder, or the same configuration to go on"
-            )
-    elif folder.is_dir() and any(folder.iterdir()):
-        raise InputError(f"{folder}: is neither empty nor a training; choose another folder")
-    with atomic_path(file) as temporary:
-        text = json.dumps({"occjax": occjax.__version__, **description}, indent=2)
-        temporary.write_text(text + "\n", encoding="utf-8")
-
-
-def read_description(folder: Path) -> dict[str, Any]:
-    """What :func:`claim_folder` wrote.
-
-    Args:
-        folder: Of a training.
-
-    Returns:
-        The description.
-
-    Raises:
-        InputError: If there is none.
-    """
-    file = folder / CONFIG_FILE
-    try:
-        description = json.loads(file.read_text(encoding="utf-8"))
-        description.pop("occjax")
-    except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise InputError(
-            f"{file}: is no description of a training; choose another folder"
-        ) from error
-    return description
+    description = {"occjax": occjax.__version__, **description}
+    claim_folder(folder, CONFIG_FILE, description, contents="a training", may_differ=MAY_CHANGE)
+    write_description(folder / CONFIG_FILE, description)
 
 
 def _score(metrics: Mapping[str, float]) -> float:
     return metrics[SCORE]
-
-
-def _fixed(description: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in description.items() if name not in MAY_CHANGE}

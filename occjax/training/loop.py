@@ -20,7 +20,7 @@ from tqdm import tqdm
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
 from occjax.models import load_weights, save_weights
-from occjax.training.checkpoints import Checkpoints, claim_folder
+from occjax.training.checkpoints import Checkpoints, claim_training
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.logging import Log
 from occjax.training.optimiser import learning_rate
@@ -108,7 +108,7 @@ def train(
     first = source(0)
     batch_sharding, state_sharding = shardings(first.disparity.shape[0])
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
-    claim_folder(folder, {**dataclasses.asdict(config), **described})
+    claim_training(folder, {**dataclasses.asdict(config), **described})
 
     with Checkpoints(folder, keep=run.keep) as checkpoints:
         if checkpoints.latest_step is not None:

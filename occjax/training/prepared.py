@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float16, Int16, UInt8
 
+import occjax
 from occjax.data.augmentation import AugmentationConfig, random_noise, random_tone
 from occjax.data.host import to_device
 from occjax.data.pool import DESCRIPTION, light_field_file, pool_size, read_sample
@@ -27,7 +28,8 @@ from occjax.data.samples import Sample
 from occjax.data.sources import check_batch_size
 from occjax.data.views import select_views
 from occjax.errors import InputError
-from occjax.io.atomic import atomic_path, check_writable
+from occjax.io.atomic import atomic_path
+from occjax.io.claims import claim_folder, read_description
 from occjax.io.files import reading
 from occjax.models import Choice, NetworkConfig, OccCasNet
 from occjax.models.config import of_kind
@@ -140,7 +142,10 @@ def prepared_source(
             f"augmentation.crop is {augmentation.crop}; the network takes multiples of "
             f"{network.multiple} pixels"
         )
-    varied = _claim(folder, _description(pools, network, seed, augmentation))["seed"]
+    description = _description(pools, network, seed, augmentation)
+    varied = claim_folder(
+        folder, PREPARATION, description, contents="prepared light fields", may_differ=("seed",)
+    )["seed"]
     places = network.stages[1].neighbours
 
     @lru_cache(maxsize=2)
@@ -340,9 +345,8 @@ def _description(
     """All that a prepared light field depends on."""
     kept = ("gamma", "contrast", "brightness", "noise", "noise_probability")
     return {
-        "pools": [
-            json.loads((Path(pool) / DESCRIPTION).read_text(encoding="utf-8")) for pool in pools
-        ],
+        "version": occjax.__version__,
+        "pools": [read_description(Path(pool) / DESCRIPTION) for pool in pools],
         "network": json.loads(config_to_json(_without_weights(network))),
         "seed": seed,
         "augmentation": {name: getattr(augmentation, name) for name in kept},
@@ -354,21 +358,3 @@ def _without_weights(network: NetworkConfig) -> NetworkConfig:
     search, choice = network.stages
     plain = dataclasses.replace(choice, aggregation=Choice(), window=None)
     return dataclasses.replace(network, stages=(search, plain))
-
-
-def _claim(folder: Path, wanted: dict) -> dict:
-    """Describe a new folder, or see that the one that is there holds the same but for the seed."""
-    check_writable(folder)
-    path = folder / PREPARATION
-    if not path.exists():
-        if folder.is_dir() and any(folder.iterdir()):
-            raise InputError(f"{folder}: is not empty, and nothing prepared; choose another folder")
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
-        return wanted
-    found = json.loads(path.read_text(encoding="utf-8"))
-    if {**found, "seed": None} != {**wanted, "seed": None}:
-        raise InputError(
-            f"{folder}: was prepared from other pools or for another network; choose another folder"
-        )
-    return found

@@ -89,7 +89,7 @@ def test_a_smaller_count_leaves_the_rest(tmp_path):
 @pytest.mark.parametrize(
     ("other", "named"),
     [
-        ({"seed": 4}, "seed is 3 there, 4"),
+        ({"seed": 4}, "seed is 3, not 4"),
         ({"config": SceneConfig(image_size=(5, 12), grid=(3, 3))}, "image_size"),
         ({"photographs": jnp.zeros((1, 256, 256))}, "photographs"),
     ],

@@ -13,6 +13,7 @@ from occjax.data.augmentation import AugmentationConfig
 from occjax.data.pool import render_pool
 from occjax.data.scene_config import SceneConfig
 from occjax.errors import InputError
+from occjax.io.claims import read_description, write_description
 from occjax.models import Choice, OccCasNet, preset
 from occjax.training import prepared
 from occjax.training.prepared import FINENESS, pack, prepared_source, unpack
@@ -123,8 +124,17 @@ def test_wider_layers_take_what_was_prepared_for_narrow_ones(pool, tmp_path):
     wide = replace(NETWORK, stages=(search, replace(choice, aggregation=Choice(8, (8,)))))
     prepared_source([pool], folder, wide, **options)
     other = replace(NETWORK, stages=(search, replace(choice, plane_steps=1)))
-    with pytest.raises(InputError, match="other pools or for another network"):
+    with pytest.raises(InputError, match="plane_steps is 3, not 1"):
         prepared_source([pool], folder, other, **options)
+
+
+def test_what_another_version_prepared_is_refused(pool, tmp_path):
+    options = {"batch_size": 1, "seed": 3, "augmentation": AUGMENTATION}
+    prepared_source([pool], tmp_path, NETWORK, **options)
+    description = read_description(tmp_path / "preparation.json")
+    write_description(tmp_path / "preparation.json", {**description, "version": "0.0.1"})
+    with pytest.raises(InputError, match=r"version is 0\.0\.1, not"):
+        prepared_source([pool], tmp_path, NETWORK, **options)
 
 
 def test_several_pools_are_drawn_from_as_one(pool, tmp_path):
@@ -146,7 +156,7 @@ def test_several_pools_are_drawn_from_as_one(pool, tmp_path):
 def test_folders_of_something_else_and_unfit_augmentation_are_refused(pool, tmp_path):
     (tmp_path / "letter.txt").write_text("dear", encoding="utf-8")
     options = {"batch_size": 1, "seed": 0}
-    with pytest.raises(InputError, match="not empty"):
+    with pytest.raises(InputError, match="neither empty nor prepared"):
         prepared_source([pool], tmp_path, NETWORK, augmentation=AUGMENTATION, **options)
     with pytest.raises(InputError, match="prepared whole"):
         prepared_source(
