@@ -32,6 +32,11 @@ SPREAD_OF_NOISE = 0.75
 ENOUGH = 0.6
 """Share of measured pixels below which the range is widened: the others may lie outside."""
 
+FEW = 0.002
+"""Share of the sure disparities below which those that lie apart from all others are mistakes:
+repeated texture, seen by few views.
+"""
+
 FEIGNED = 0.05
 """Share of the textured pixels that pure noise makes look measured, at most."""
 
@@ -62,7 +67,12 @@ class Measurement:
     @property
     def extremes(self) -> np.ndarray:
         """Lowest and highest disparity found but for a few outliers."""
-        return np.percentile(self.found, [0.05, 99.95])
+        values, counts = np.unique(self.found, return_counts=True)
+        apart = np.diff(values) > 1.5 * (self.candidates[1] - self.candidates[0])
+        group = np.cumsum([False, *apart])
+        many = np.bincount(group, counts) >= FEW * self.found.size
+        kept = values[many[group]]
+        return np.clip(np.percentile(self.found, [0.05, 99.95]), kept[0], kept[-1])
 
     @property
     def span(self) -> np.ndarray:

@@ -3,6 +3,7 @@ import time
 import numpy as np
 import pytest
 
+from occjax.data.sample import sample
 from occjax.errors import InputError
 from occjax.io import (
     ORIENTATIONS,
@@ -230,6 +231,16 @@ def test_the_range_of_crops_encloses_the_truth_in_spite_of_noise(shared, scene, 
     noisy = views + np.random.default_rng(0).normal(0, noise, views.shape) if noise else views
     low, high = check(LightField(np.clip(noisy, 0, 1).astype(np.float32))).disparity_range
     assert np.mean((truth < low) | (truth > high)) < 0.01
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (5, 5), (9, 9)])
+def test_repeated_texture_and_few_views_do_not_widen_the_range(grid):
+    """The sample's wood grain agrees with itself six pixels away."""
+    light_field = sample().central(*grid)
+    truth = sample().ground_truth
+    low, high = check(light_field).disparity_range
+    assert truth.min() - 1.0 < low < truth.min()
+    assert truth.max() < high < truth.max() + 1.0
 
 
 def test_a_tiny_crop_raises_no_false_alarm(shared):
