@@ -286,10 +286,24 @@ def test_a_light_network_says_where_every_view_is_occluded(light_estimator):
     assert result.occlusion.shape == (4, 6, 20, 24)
 
 
-def test_an_exported_estimator_gives_the_same_answer_without_the_library(tiny_estimator):
-    scene = plane()
-    exported = tiny_estimator.export(scene)
+@pytest.mark.parametrize(
+    ("name", "grid"), [("tiny_estimator", (3, 3)), ("light_estimator", (4, 6))]
+)
+def test_an_exported_estimator_gives_the_same_answer_without_the_library(name, grid, request):
+    estimator = request.getfixturevalue(name)
+    scene = plane(grid=grid, size=(20, 24))
+    exported = estimator.export(scene, disparity_range=(-2.0, 2.0))
     again = jax.export.deserialize(exported.serialize())
     result = again.call(jnp.asarray(scene.grey()))
-    np.testing.assert_allclose(result["disparity"], tiny_estimator(scene).disparity, atol=1e-5)
-    assert [shape.shape for shape in again.in_avals] == [(*scene.grid, *scene.image_size)]
+    expected = estimator(scene, disparity_range=(-2.0, 2.0))
+    np.testing.assert_allclose(result["disparity"], expected.disparity, atol=1e-5)
+    assert [shape.shape for shape in again.in_avals] == [(*grid, 20, 24)]
+
+
+@pytest.mark.parametrize("name", ["photometric", "tiny_estimator", "light_estimator"])
+def test_estimating_twice_gives_the_same_numbers(name, request):
+    estimator = request.getfixturevalue(name)
+    scene = plane(grid=(3, 3) if name == "tiny_estimator" else (4, 6), size=(20, 24))
+    one, other = (estimator(scene, disparity_range=(-2.0, 2.0)) for _ in range(2))
+    for field in ("disparity", "confidence", "occlusion"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(other, field))

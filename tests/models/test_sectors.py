@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from occjax.data.views import chosen_views
 from occjax.models import OccCasNet, StageConfig, preset
 from occjax.models import choice as choice_module
 from occjax.models import proposals as proposals_module
@@ -118,16 +119,30 @@ def test_a_size_that_needs_padding_gives_the_same_disparity_as_one_that_needs_no
     assert np.quantile(np.abs(part - whole[:50])[8:40, 8:-8], 0.95) < 0.01
 
 
-def test_what_is_fifty_pixels_away_matters():
-    """A network with large untextured areas in mind sees at least 100 pixels across."""
-    config = preset("light")
-    variables = random_variables(config)
-    views = _views(1, 3, 16, 160)
-    changed = views.at[..., 140:].set(views[..., 140:] ** 2)
-    before, after = (apply(variables, each, config=config)[0] for each in (views, changed))
-    difference = np.abs(before.disparity - after.disparity).max(0)
-    assert difference[80:88].max() > 0
-    assert difference[0] < difference[80:].max()
+def test_the_choice_sees_a_hundred_pixels_across(variables):
+    """A network with large untextured areas in mind; what is farther away must not matter."""
+    assert len(preset("light").stages[1].aggregation.context) == 4  # as here
+    proposals = propose(_views(1, 3, 16, 160), view_offsets(1, 3))
+    changed = jax.tree.map(lambda field: field.at[..., 140:].multiply(0.5), proposals)
+    before, after = (choose(variables, each).probabilities for each in (proposals, changed))
+    difference = np.abs(before - after).max((0, 1))
+    assert difference[89] > 1e-5
+    assert difference[:20].max() == 0
+
+
+@pytest.mark.parametrize("arrangement", ["17x17", "crosshair"])
+def test_large_grids_and_crosshairs_find_the_disparity_of_a_wall(arrangement):
+    """Both have 17 views that are looked at: of the grid the two outermost in eight directions."""
+    side = {"17x17": 17, "crosshair": 9}[arrangement]
+    wall = plane(grid=(side, side), size=(48, 48), disparity=0.2, slope=(0.003, -0.002))
+    offsets = np.asarray(view_offsets(side, side)).reshape(-1, 2)
+    chosen = chosen_views(offsets, "outer_star" if arrangement == "17x17" else "cross")
+    assert len(chosen) == 17
+    views = wall.grey().reshape(-1, 48, 48)[chosen]
+    reach = np.abs(offsets).max() / CONFIG.reach
+    found = propose(jnp.asarray(views)[None], jnp.asarray(offsets[chosen])[None])
+    error = np.abs(found.disparity / reach - wall.ground_truth)[8:-8, 8:-8]
+    assert np.quantile(error, 0.95) < 0.01
 
 
 def test_the_choice_is_among_what_is_proposed(variables):
