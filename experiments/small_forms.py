@@ -37,6 +37,7 @@ FORMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "figures": ("-o", "FOLDER", "--without", "photometric"),
         "interval_study": ("FOLDER", "--time"),
         "light_ablation": ("FOLDER",),
+        "operations": (),
         "photometric_robustness": (),
         "real_scenes": ("-o", "FOLDER/sheet.png"),
         "submit": ("make", "-o", "FOLDER/trial.zip"),

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import jax
 from tqdm import tqdm
 
 from occjax.data.scene_config import Defects, Outlines, SceneConfig, Textures
@@ -57,6 +58,8 @@ def train_row(
         # Standard output is for the table.
         say=lambda line: tqdm.write(f"{place.name}: {line}", file=sys.stderr),
     )
+    # The next row has programs of its own, and those of twenty use up a process's memory maps.
+    jax.clear_caches()
     return [entry for entry in read_log(place) if entry["kind"] == "validation"][-1]
 
 

@@ -2,7 +2,7 @@
 
 Everything before the choice of a network of any arrangement of views depends on no weights and
 takes most of the time of a step. It is computed when a light field is first drawn and kept in a
-folder, in about three bytes for each pixel and proposal; all later steps train the choice alone.
+folder, in about sixteen bytes for each pixel and proposal; all later steps train the choice alone.
 """
 
 from __future__ import annotations
