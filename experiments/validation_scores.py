@@ -5,9 +5,9 @@
     python -m experiments.validation_scores --small        (seconds, for the test)
 
 Cost: ten seconds a scene of 256x256 pixels for the two models of the default. No weights of the
-package were trained on the scenes of seeds 1000 to 1007. Expected: the light network is ahead in the mean of every measure,
-and in every scene by BadPix 0.07. All are far from the percents of the HCI benchmark, whose scenes
-have no such noise.
+package were trained on the scenes of seeds 1000 to 1007. Expected: the light network is ahead in
+the mean of every measure, and in every scene by BadPix 0.07. All are far from the percents of the
+HCI benchmark, whose scenes have no such noise.
 """
 
 from __future__ import annotations

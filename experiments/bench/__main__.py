@@ -19,10 +19,10 @@ product's speed. What an H200 needed is in docs/performance.md. ``benchmark.md``
 The peers are the same network with the same weights, written for this comparison in
 ``experiments/bench/peers``. They need PyTorch and TensorFlow (extra ``bench``), which may be
 installed elsewhere: ``--peer-python`` is the interpreter of such an environment; it needs nothing
-else. Each candidate has a process of its own, and they take turns, so that other work on the machine
-slows all alike: a ratio of two means more than either. None is timed before its answer agrees. Inputs
-and weights lie where they are computed with before the clock starts, and it stops when the answer is
-there, not copied back.
+else. Each candidate has a process of its own, and they take turns, so that other work on the
+machine slows all alike: a ratio of two means more than either. None is timed before its answer
+agrees. Inputs and weights lie where they are computed with before the clock starts, and it stops
+when the answer is there, not copied back.
 
 Operations per second are those of the network as published, though occjax does fewer of them; a
 step of training has three times those of inference. The share is of a matrix product of 4096x4096,
