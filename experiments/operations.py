@@ -3,9 +3,10 @@
     python -m experiments.operations > experiments/operations.md
     python -m experiments.operations --small                  (seconds, for the test)
 
-Cost: half a minute; programs are traced, not run. Expected: of the published network inference does
-half of what it has as published, a step of training less as well; the light networks do a few ten
-thousand multiply-adds for each pixel and proposal. The result is committed beside this file.
+Cost: half a minute; programs are traced, not run. Expected: inference by the published network and
+a step of training it do half of the operations that it has as published, the light networks between
+four and fifty thousand multiply-adds for each pixel and proposal. The result is committed beside
+this file.
 
 XLA's own analysis counts the body of a loop once. This goes through the program that JAX traces,
 with every loop as often as it runs and the branch that a CPU takes.
