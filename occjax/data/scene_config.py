@@ -141,6 +141,8 @@ class SceneConfig:
 
     def __post_init__(self) -> None:
         """Check what the generator relies on."""
+        if min(self.image_size) < 1:
+            raise InputError(f"image_size: needs one pixel or more, not {self.image_size}")
         low, high = self.disparity_range
         if not low < high:
             raise InputError(f"disparity_range: needs minimum < maximum, not {low} {high}")

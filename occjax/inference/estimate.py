@@ -43,6 +43,11 @@ SAME_SURFACE = 0.15
 PHOTOMETRIC = "photometric"
 MODELS = (PHOTOMETRIC, *PRESETS)
 
+AT_THE_END, MANY_AT_THE_END = 0.001, 0.1
+"""How near an end of the searched range, as a share of it, a disparity lies there; share of the
+pixels from which the user is told. Right ranges have 0.003 at most, wrong ones 0.12 and more.
+"""
+
 
 def estimate(
     light_field: LightField,
@@ -185,13 +190,14 @@ class Estimator:
             find_occlusion = None if maps is None else functools.partial(np.asarray, maps)
         else:
             find_occlusion = functools.partial(_occlusion, light_field, result["disparity"])
+        notes = (*self.notes, *ready.notes, *_at_the_ends(result["disparity"], ready.searched))
         return Estimate(
             **result,
             find_occlusion=find_occlusion,
             disparity_range=ready.searched,
             model=self.model,
             weights=self.weights,
-            notes=(*self.notes, *ready.notes),
+            notes=notes,
             seconds=seconds,
         )
 
@@ -249,6 +255,24 @@ class Estimator:
         if self.config.views is None:
             return for_any_views(light_field, disparity_range, self.config)
         return for_grid(light_field, disparity_range, self.config)
+
+
+def _at_the_ends(disparity: np.ndarray, searched: tuple[float, float]) -> list[str]:
+    """What to tell the user if disparities pile up where the search ended."""
+    low, high = searched
+    close = AT_THE_END * (high - low)
+    notes = []
+    for end, share in (
+        ("lower", float(np.mean(disparity <= low + close))),
+        ("upper", float(np.mean(disparity >= high - close))),
+    ):
+        if share > MANY_AT_THE_END:
+            notes.append(
+                f"{share:.0%} of the disparities lie at the {end} end of the searched range "
+                f"[{low:.2f}, {high:.2f}]: the scene goes beyond it, it seems; pass a wider "
+                "disparity_range (--disparity-range)"
+            )
+    return notes
 
 
 def _bundled_for(model: str | None) -> Path | None:

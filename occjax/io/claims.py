@@ -102,9 +102,12 @@ def read_description(file: Path) -> dict[str, Any]:
     with reading(file):
         text = file.read_text(encoding="utf-8")
     try:
-        return dict(json.loads(text))
-    except (ValueError, TypeError) as error:
+        description = json.loads(text)
+    except ValueError as error:
         raise InputError(f"{file}: is damaged ({error}); choose another folder") from error
+    if not isinstance(description, dict) or not description:
+        raise InputError(f"{file}: is damaged (it describes nothing); choose another folder")
+    return description
 
 
 def first_difference(wanted: Any, stored: Any) -> str | None:

@@ -103,6 +103,16 @@ def test_without_a_range_the_images_give_it(photometric):
     assert np.median(interior_error(result, light_field)) < 0.03
 
 
+@pytest.mark.parametrize(
+    ("searched", "end"), [((-1.0, 2.0), None), ((-2.4, 0.6), "upper"), ((1.0, 4.0), "lower")]
+)
+def test_a_range_that_ends_before_the_scene_is_told(photometric, searched, end):
+    result = photometric(plane(disparity=0.8), disparity_range=searched)
+    told = [note for note in result.notes if "end of the searched range" in note]
+    assert len(told) == (end is not None)
+    assert all(f"the {end} end" in note for note in told)
+
+
 def test_the_range_is_that_of_the_layout_which_is_used():
     """Occlusion says that the grid is turned by 180 degrees; it is taken as declared."""
     turned = LightField(two_planes()[0][::-1, ::-1])  # disparities of 1 and -1.5

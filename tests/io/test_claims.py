@@ -60,7 +60,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-@pytest.mark.parametrize("text", ["", "{", "3"])
+@pytest.mark.parametrize("text", ["", "{", "3", "[]", "{}"])
 def test_a_damaged_description_is_named(tmp_path, text):
     (tmp_path / "it.json").write_text(text)
     with pytest.raises(InputError, match=r"it\.json: is damaged"):
