@@ -10,6 +10,7 @@ from typing import Annotated
 
 from tyro.conf import AvoidSubcommands, Positional, arg
 
+from occjax.errors import InputError
 from occjax.models import PRESETS, preset
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.data import DataConfig, fixed, make_source, validation_scenes
@@ -69,6 +70,12 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
     ) -> int:
         """Train a network, or go on with training it."""
         _check_names(recipe, network_preset)
+        if overfit_one and config.steps < 2 * run.log_every:
+            raise InputError(
+                f"--overfit-one compares the first line of the log with the last: {config.steps} "
+                f"steps with a line every {run.log_every} have one at most; pass more --steps or a "
+                "smaller --log-every"
+            )
         source = make_source(data, config.network)
         scenes = scenes_from_folders(validate, config, views=data.scenes.views)
         scenes += validation_scenes(data, validation_samples)

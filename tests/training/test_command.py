@@ -169,3 +169,10 @@ def test_a_batch_that_is_not_learnt_fails_the_smoke_run(tmp_path, capsys):
     arguments = ("--overfit-one", "--steps", 3, "--log-every", 1, "--optimiser.peak-rate", "1e-9")
     assert run(tmp_path / "run", *arguments) == 1
     assert "has not halved" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("micro")
+def test_a_smoke_run_of_a_single_line_of_the_log_is_refused(tmp_path):
+    with pytest.raises(InputError, match="pass more --steps"):
+        run(tmp_path / "run", "--overfit-one", "--steps", 30, "--log-every", 20)
+    assert not (tmp_path / "run").exists()
