@@ -196,6 +196,7 @@ def test_an_outer_star_has_the_two_outermost_views_in_each_direction():
     [
         ({"disparity_range": (2.0, 1.0)}, "disparity_range"),
         ({"disparity_width": (1.0, 9.0)}, "disparity_width"),
+        ({"image_size": (0, 8)}, "image_size"),
         ({"grid": (8, 8)}, "grid"),
         ({"grid": (9, 7)}, "grid"),
         ({"rays": 5}, "rays"),
