@@ -52,12 +52,12 @@ def claim_folder(
         : holds a pool with other settings: seed is 1, not 2; choose another folder
     """
     check_writable(folder)
-    file = folder / name
+    wanted, file = _as_json(wanted), folder / name
     if file.exists():
         found = read_description(file)
         compared = [
             {field: value for field, value in description.items() if field not in may_differ}
-            for description in (_as_json(wanted), found)
+            for description in (wanted, found)
         ]
         difference = first_difference(*compared)
         if difference is not None:
@@ -69,7 +69,7 @@ def claim_folder(
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError(f"{folder}: is neither empty nor {contents}; choose another folder")
     write_description(file, wanted)
-    return _as_json(wanted)
+    return wanted
 
 
 def write_description(file: Path, description: Mapping[str, Any]) -> None:

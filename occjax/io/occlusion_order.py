@@ -48,14 +48,13 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
     """
     near = far = 0.0
     votes = 0
-    moved = [_outermost(arm, disparity, cross.scale, orientation) for arm in cross.arms]
-    for arm, (image, displacement) in zip(cross.arms, moved, strict=True):
+    fallen = [_outermost_view(cross, arm, disparity, orientation) for arm in cross.arms]
+    for arm, (displacement, difference) in zip(cross.arms, fallen, strict=True):
         axis, _ = motion(arm.along_row, orientation)
         known = np.ones(disparity.shape, bool)
-        for other, opposite in zip(cross.arms, moved, strict=True):
+        for other, (_, of_opposite) in zip(cross.arms, fallen, strict=True):
             if other.along_row == arm.along_row and other is not arm:
-                known = _difference(cross.centre, *opposite, axis) < HIDDEN
-        difference = _difference(cross.centre, image, displacement, axis)
+                known = of_opposite < HIDDEN
         maps = (difference, disparity, displacement, known)
         small, large, gap = _collisions(*(m if axis == 1 else m.T for m in maps))
         met = gap >= COLLISION_PIXELS
@@ -67,13 +66,18 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
     return near / (near + far) if votes >= FEWEST_VOTES else None
 
 
-def _outermost(
-    arm: Arm, disparity: np.ndarray, scale: int, orientation: Orientation
+def _outermost_view(
+    cross: Cross, arm: Arm, disparity: np.ndarray, orientation: Orientation
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The outermost view of an arm, how far each point moves in it towards index 0."""
+    """Where points fall in the outermost view of an arm, and how unlike they are to what it shows.
+
+    Returns:
+        ``[h, w]`` pixels that each point moves towards index 0, and ``[h, w]`` grey differences.
+    """
     offset, image = max(zip(arm.offsets, arm.images, strict=True), key=lambda pair: abs(pair[0]))
-    _, sign = motion(arm.along_row, orientation)
-    return image, disparity * np.float32(sign * offset / scale)
+    axis, sign = motion(arm.along_row, orientation)
+    displacement = disparity * np.float32(sign * offset / cross.scale)
+    return displacement, _difference(cross.centre, image, displacement, axis)
 
 
 def _difference(
