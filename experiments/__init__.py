@@ -1,1 +1,1 @@
-"""One script per table or figure; each opens with its command, its cost and what to expect."""
+"""The paper's tables and figures, one script each; a script starts with its command and cost."""

@@ -1,25 +1,26 @@
-"""The ablation of table 3, row by row, and what the paper does not have.
+"""The ablation of table 3, row by row, with rows that the paper does not have.
 
     python -m experiments.ablation runs/table3 --data HCI/additional --validate HCI/training/*
     python -m experiments.ablation runs/table3 --recipe full         (procedural light fields)
-    python -m experiments.ablation runs/table3 --show                (what is done, no training)
-    python -m experiments.ablation FOLDER --small                    (minutes, for the test)
+    python -m experiments.ablation runs/table3 --show                (finished rows, no training)
+    python -m experiments.ablation FOLDER --small                    (minutes)
 
-Cost: a row of the ``published`` recipe is 480,000 steps of 32 patches, which its authors say took a
-week on an RTX 3090; ``full`` is 20,000 steps on procedural light fields. ``--steps`` shortens
-either, its learning rate's schedule in proportion. Nobody has run either at full size: it needs a
-GPU, and ``published`` the scenes of the HCI benchmark. Rows that are done are kept, one that was
-interrupted goes on; machines that share the folder can each take some ``--rows``.
+Cost: a row of the ``published`` recipe takes 480,000 steps of 32 patches, a week on an RTX 3090
+according to the paper; ``full`` takes 20,000 steps on procedural light fields. Both need a GPU, and
+``published`` needs the scenes of the HCI benchmark. Neither has been run at full size yet.
+``--steps`` shortens a recipe. Finished rows are kept, and an interrupted row resumes; several
+machines can share the folder and train different ``--rows``.
 
-Expected, by the paper: each ingredient helps a little and more candidates in the first stage help
-most. Its two rows of one network, ``cas_2`` and ``cas_2_again``, are 0.14 apart in BadPix 0.07,
-more than many of its ingredients gain, so that row is trained twice here too.
+Expected, according to the paper: each ingredient improves the scores a little, and more candidates
+in the first stage improve them most. The two rows of the same network, ``cas_2`` and
+``cas_2_again``, differ by 0.14 in BadPix 0.07, more than many ingredients gain, so this script
+trains that network twice too.
 
-Not in the paper: ``cas_2_occ`` with the warp of the published code, which moves rows with u; and
-``cas_2`` on the mean and variance of the features over the views, which the paper names as future
-work. Such a volume has no channels of single views to attend to, so ``cas_2`` without attention
-stands beside it. Parameters and FLOPs, by formula, are those of the full networks, also with
-``--small``.
+Rows that the paper does not have: ``cas_2_occ`` with the transposed warp of the published code, and
+``cas_2`` on the mean and variance of the features over the views, which the paper proposes as
+future work. Such a volume has no channels of single views for the attention, so ``cas_2`` without
+attention is the row to compare it with. With ``--small`` the table still has the parameters and
+FLOPs of the full networks.
 """
 
 from __future__ import annotations
@@ -33,13 +34,12 @@ import tyro
 
 from experiments.command_line import main
 from experiments.efficiency_table import mega, tera
+from experiments.flops import count_flops, count_parameters
 from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
-from experiments.paper_training import Row, Training
-from experiments.training_rows import Scores, chosen
+from experiments.training_rows import Row, Scores, Training, select_rows
 from occjax.cli.options import option
 from occjax.models import preset
-from occjax.models.work import count_flops, count_parameters
 
 ROWS: Mapping[str, Row] = MappingProxyType(
     {
@@ -50,7 +50,7 @@ ROWS: Mapping[str, Row] = MappingProxyType(
         "cas_2_statistics": Row(preset("cas_2").with_stages(attention=False, volume="statistics")),
     }
 )
-"""Every training, by name."""
+"""All trainings, by name."""
 
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -64,17 +64,14 @@ GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "volume": ("cas_2", "cas_2_no_attention", "cas_2_statistics"),
     }
 )
-"""What is compared with what, as in table 3."""
+"""Rows to compare with each other, as in table 3."""
 
 
 def table(results: Mapping[str, Scores]) -> str:
-    """Scores beside the paper's, as Markdown, in the paper's groups.
+    """Return the scores next to those of the paper, as Markdown, in the paper's groups.
 
     Args:
-        results: Scores by row; rows without any are left blank.
-
-    Returns:
-        The table, with a line feed between its lines.
+        results: Scores by row; other rows stay blank.
     """
     head = ["about", "row", "candidates", "intervals", "parameters", "FLOPs"]
     head += ["BadPix 0.07", "paper's table 3", "MSE x100", "paper's table 3"]
@@ -98,13 +95,13 @@ def table(results: Mapping[str, Scores]) -> str:
 
 def run(
     folder: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings.")
     ],
-    rows: Annotated[tuple[str, ...], option("Which rows; all by default.", "ROW...")] = (),
+    rows: Annotated[tuple[str, ...], option("Rows to train; by default all.", "ROW...")] = (),
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
 ) -> dict[str, Scores]:
-    """Train every row, print the table beside the paper's and return the scores by row."""
-    results = training.scores(training.sized(chosen(rows, ROWS)), folder)
+    """Train the rows, print the table and return the scores by row."""
+    results = training.scores(training.sized(select_rows(rows, ROWS)), folder)
     print(table(results))
     return results
 

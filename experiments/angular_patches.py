@@ -1,4 +1,4 @@
-"""What all views see of one point, and how much they differ with and without its occlusion map."""
+"""Angular patches of points, and their deviation with and without the occlusion map."""
 
 from __future__ import annotations
 
@@ -9,40 +9,38 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.blender.folder import local_maximum
 from experiments.figure_panels import Panel, panel_figure, rgb, shrink_step
 from occjax.errors import InputError
 from occjax.lightfield import LightField, to_grey, to_unit_float
 from occjax.ops import occlusion_maps, occlusion_weights, warp_views
-from occjax.render.folder import largest_around
 from occjax.viz.canvas import whole_zoom
 
-BORDER = 1 / 8
-"""Share of the image, at each side, in which no point is chosen."""
+MARGIN_FRACTION = 1 / 8
+"""Fraction of the image, at each side, in which no point is chosen."""
 
-AROUND = 4
-"""Pixels within which an occluder must stand for a point to be chosen as occluded."""
+OCCLUDER_RADIUS_PX = 4
+"""Maximum distance between an occluded point and its occluder, in pixels."""
 
-STEP = 0.15
-"""By how much it must be nearer, pixels per view step."""
+MIN_OCCLUDER_STEP = 0.15
+"""Minimum disparity step from an occluded point to its occluder, pixels per view step."""
 
-CLEAR = 0.1
-"""Value of an occlusion map beyond which a view is counted as occluded."""
+MAX_VISIBLE = 0.1
+"""Value of an occlusion map above which a view counts as occluded."""
 
-
-SEEN = 0.5
-"""Share of the views that see a point at least, for it to be chosen as occluded: where hardly any
-agree, the disparity is wrong."""
+MIN_VISIBLE_FRACTION = 0.5
+"""Minimum fraction of views that see an occluded point; with fewer, the disparity is unreliable."""
 
 
 class Patches(NamedTuple):
-    """Light field seen from every point of the centre view.
+    """Views warped to the centre view, and their deviations.
 
     Attributes:
-        colour: ``[v, u, h, w, c]`` views warped to the centre view by its disparity.
+        colour: ``[v, u, h, w, c]`` views warped by the disparity of the centre view.
         occlusion: ``[v, u, h, w]`` occlusion maps M.
         weights: ``[v, u, h, w]`` weights of the views, ``(1 - M)^2``.
-        deviation: ``[h, w]`` standard deviation of each point's grey over the views.
-        weighted: ``[h, w]`` the same of the weighted views.
+        deviation: ``[h, w]`` standard deviation of grey over the views.
+        weighted: ``[h, w]`` weighted standard deviation of grey over the views.
     """
 
     colour: np.ndarray
@@ -53,11 +51,11 @@ class Patches(NamedTuple):
 
 
 def angular_patches(light_field: LightField, disparity: np.ndarray) -> Patches:
-    """Refocus every point of the centre view on its own disparity.
+    """Warp all views to the centre view and compute occlusion maps and deviations.
 
     Args:
         light_field: The views.
-        disparity: ``[H, W]`` of the centre view, finite, pixels per view step.
+        disparity: ``[H, W]`` finite disparity of the centre view, pixels per view step.
     """
     positions = light_field.positions
     offsets = None if positions is None else jnp.asarray(positions)
@@ -75,14 +73,14 @@ def angular_patches(light_field: LightField, disparity: np.ndarray) -> Patches:
 
 
 def deviation(grey: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-    """Standard deviation over the views.
+    """Return the standard deviation over the views.
 
     Args:
         grey: ``[v, u, ...]`` values.
-        weights: ``[v, u, ...]`` of the views; none for equal ones. Never all zero.
+        weights: ``[v, u, ...]`` weights of the views, not all zero; None for equal weights.
 
     Returns:
-        ``[...]``.
+        ``[...]`` standard deviation.
 
     Example:
         >>> grey = np.array([[0.0, 0.0, 1.0, 1.0]])
@@ -98,33 +96,36 @@ def deviation(grey: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray
 def choose_points(
     disparity: np.ndarray, centre: np.ndarray, patches: Patches
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """An unoccluded point A and an occluded point B.
+    """Choose an unoccluded point A and an occluded point B.
 
-    B is where, behind something nearer but seen by half of the views, the occlusion map takes most
-    away from the deviation. A is where the centre view has most texture, on a surface without a
-    step nearby, among the points whose deviation is at most the median.
+    B is the point next to an occluder, visible in half of the views or more, whose deviation the
+    occlusion map reduces most. A is the point with most texture in the centre view among those
+    without a disparity step nearby whose deviation is at most the median.
 
     Args:
-        disparity: ``[H, W]`` of the centre view, finite.
+        disparity: ``[H, W]`` finite disparity of the centre view, pixels per view step.
         centre: ``[H, W]`` grey centre view.
-        patches: Of :func:`angular_patches`.
+        patches: Result of :func:`angular_patches`.
 
     Returns:
         ``(row, column)`` of A and of B.
 
     Raises:
-        InputError: If nothing stands in front of anything.
+        InputError: If no point is occluded.
     """
-    highest, lowest = largest_around(disparity, AROUND), -largest_around(-disparity, AROUND)
-    top, left = (int(BORDER * length) for length in disparity.shape)
+    highest, lowest = (
+        local_maximum(disparity, OCCLUDER_RADIUS_PX),
+        -local_maximum(-disparity, OCCLUDER_RADIUS_PX),
+    )
+    top, left = (int(MARGIN_FRACTION * length) for length in disparity.shape)
     inside = np.zeros(disparity.shape, bool)
     inside[top : disparity.shape[0] - top, left : disparity.shape[1] - left] = True
-    seen = np.mean(patches.occlusion <= CLEAR, axis=(0, 1)) >= SEEN
-    behind = inside & seen & (highest - disparity > STEP)
-    free = inside & (highest - lowest < STEP)
+    seen = np.mean(patches.occlusion <= MAX_VISIBLE, axis=(0, 1)) >= MIN_VISIBLE_FRACTION
+    behind = inside & seen & (highest - disparity > MIN_OCCLUDER_STEP)
+    free = inside & (highest - lowest < MIN_OCCLUDER_STEP)
     if not behind.any() or not free.any():
         raise InputError(
-            "no point lies behind another one, so none is occluded; pass --points with two points"
+            "no point lies behind another one, so none is occluded; pass two points with --points"
         )
     gain = patches.deviation - patches.weighted
     occluded = np.argmax(np.where(behind, gain, -1.0))
@@ -141,24 +142,24 @@ def patches_figure(
     points: tuple[tuple[int, int], tuple[int, int]],
     note: str = "",
 ) -> Figure:
-    """Both points in the centre view, their angular patches, occlusion maps and deviations.
+    """Draw both points in the centre view, their angular patches, occlusion maps and deviations.
 
     Args:
         light_field: The views.
-        patches: Of :func:`angular_patches`.
+        patches: Result of :func:`angular_patches`.
         points: ``(row, column)`` of A and of B.
-        note: Words at the bottom.
+        note: Text at the bottom.
     """
     centre = to_unit_float(light_field.centre)
     step = shrink_step(centre)
     marks = [(name, (y // step, x // step)) for name, (y, x) in zip("AB", points, strict=True)]
     shown = rgb(centre[::step, ::step])
     scale = max(4, 230 // max(light_field.grid))
-    brightest = brightest_of(np.stack([patches.occlusion[:, :, y, x] for y, x in points]))
+    white = white_level(np.stack([patches.occlusion[:, :, y, x] for y, x in points]))
     rows = []
     for name, (y, x) in zip("AB", points, strict=True):
         seen, maps = patches.colour[:, :, y, x], patches.occlusion[:, :, y, x]
-        clear = maps <= CLEAR
+        clear = maps <= MAX_VISIBLE
         plain, weighted = patches.deviation[y, x], patches.weighted[y, x]
         alone = deviation(to_grey(seen), clear.astype(np.float32))
         kept = seen * patches.weights[:, :, y, x, None]
@@ -166,35 +167,35 @@ def patches_figure(
             [
                 Panel(f"{name}: angular patch, STD {plain:.4f}", rgb(seen), scale, framed=clear),
                 Panel(
-                    f"{name}: occlusion map M, 0 to {brightest:.2f}",
-                    rgb(np.clip(maps / brightest, 0.0, 1.0)[..., None]),
+                    f"{name}: occlusion map M, 0 to {white:.2f}",
+                    rgb(np.clip(maps / white, 0.0, 1.0)[..., None]),
                     scale,
                 ),
                 Panel(f"{name}: times (1 - M)^2, STD {weighted:.4f}", rgb(kept), scale),
                 Panel(
-                    f"{name}: M <= {CLEAR} alone, STD {alone:.4f}",
+                    f"{name}: only M <= {MAX_VISIBLE}, STD {alone:.4f}",
                     np.where(clear[..., None], rgb(seen), 1.0),
                     scale,
                     framed=clear,
                 ),
             ]
         )
-    frame = f"Blue frame: views with M <= {CLEAR}. STD: standard deviation of grey. {note}".rstrip()
+    frame = f"Blue frame: views with M <= {MAX_VISIBLE}. STD: standard deviation. {note}".rstrip()
     return panel_figure(
         rows,
         frame,
-        beside=Panel("centre view", shown, whole_zoom(shown.shape[:2]), points=marks),
+        left_panel=Panel("centre view", shown, whole_zoom(shown.shape[:2]), points=marks),
     )
 
 
-def brightest_of(maps: np.ndarray) -> float:
-    """Value of occlusion maps to show as white: few are above it, and no noise is stretched to it.
+def white_level(maps: np.ndarray) -> float:
+    """Return the value of occlusion maps to draw as white: a high percentile, but not noise.
 
     Args:
-        maps: In [0, 1], of any shape.
+        maps: ``[...]`` occlusion maps in [0, 1].
 
     Example:
-        >>> round(brightest_of(np.linspace(0.0, 0.5, 1001)), 4), brightest_of(np.zeros(3))
+        >>> round(white_level(np.linspace(0.0, 0.5, 1001)), 4), white_level(np.zeros(3))
         (0.4995, 0.1)
     """
-    return max(CLEAR, float(np.percentile(maps, 99.9)))
+    return max(MAX_VISIBLE, float(np.percentile(maps, 99.9)))

@@ -1,10 +1,10 @@
-"""How every script is called: by tyro, and a fault of the user's is one line and exit code 2."""
+"""Command line of the scripts: tyro, with one line and exit code 2 for an error of the user."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import tyro
 from tyro.extras import subcommand_cli_from_dict
@@ -12,17 +12,27 @@ from tyro.extras import subcommand_cli_from_dict
 from occjax.cli.running import exit_with
 
 Command = Callable[..., Any]
-"""Its parameters are the options. If it returns a whole number, that is the exit code."""
+"""A function whose parameters are the options; an integer result is the exit code."""
+
+Small = Annotated[bool, tyro.conf.arg(help="Smoke test on small built-in data; no download.")]
+"""Type of the option ``--small``."""
+
+SMOKE_TEST = "This is a smoke test: its results say nothing about a method."
+
+
+def announce_smoke_test() -> None:
+    """Print the limits of a smoke test to standard error; standard output is for tables."""
+    print(SMOKE_TEST, file=sys.stderr)
 
 
 def main(run: Command | Mapping[str, Command], description: str | None) -> NoReturn:
     """Call a function with the options of the command line, and exit.
 
     Args:
-        run: The function, or several by the name of a command.
-        description: For ``--help``.
+        run: The function, or several by subcommand.
+        description: Text for ``--help``.
     """
-    description = description and one_line_each(description)
+    description = description and join_prose(description)
     spec = sys.modules["__main__"].__spec__
     prog = None if spec is None else f"python -m {spec.name}"
 
@@ -36,11 +46,11 @@ def main(run: Command | Mapping[str, Command], description: str | None) -> NoRet
     exit_with(command)
 
 
-def one_line_each(text: str) -> str:
-    r"""Paragraphs of prose without line breaks: tyro would keep those before what is no letter.
+def join_prose(text: str) -> str:
+    r"""Return the text with the lines of each prose paragraph joined, as tyro expects.
 
     Example:
-        >>> one_line_each("What it\n``does``.\n\n    python -m it\n    python -m it --small")
+        >>> join_prose("What it\n``does``.\n\n    python -m it\n    python -m it --small")
         'What it ``does``.\n\n    python -m it\n    python -m it --small'
     """
     paragraphs = text.split("\n\n")

@@ -1,17 +1,15 @@
-"""Methods compared on a scene: a table of all measures, a radar chart, and pairs pixel by pixel.
+"""Comparison of methods on a scene: a table of all measures, a radar chart, and pairs of maps.
 
     python -m experiments.compare_methods SCENE NAME=ESTIMATE NAME=ESTIMATE -o FOLDER
-    python -m experiments.compare_methods -o FOLDER --small           (a check of the script itself)
+    python -m experiments.compare_methods -o FOLDER --small
 
-SCENE is a folder of the HCI 4D benchmark with ground truth and masks, ESTIMATE a disparity map or a
-folder that ``occjax estimate`` wrote.
+SCENE is a folder of the HCI 4D benchmark with ground truth and masks; ESTIMATE is a disparity map
+or a result folder of ``occjax estimate``.
 
-Cost: seconds. Expected: ``scores.md``, which is printed too, ``radar.png``, and for every pair
-``A_against_B.png``. The measures are those that the scene has masks for
-(:mod:`occjax.evaluation.benchmark`).
-
-``--small`` compares maps whose scores are known: the bundled sample's ground truth moved by 0.02,
-and moved by 0.1 in its left half alone.
+Cost: seconds. Expected: ``scores.md``, which is also printed, ``radar.png``, and for every pair
+``A_against_B.png``. The measures are those for which the scene has masks
+(:mod:`occjax.evaluation.benchmark`). ``--small`` compares maps with known scores: the ground truth
+of the bundled sample plus 0.02, and the ground truth plus 0.1 in its left half.
 """
 
 from __future__ import annotations
@@ -25,32 +23,37 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from experiments.command_line import main
-from experiments.markdown import markdown_table
+from experiments.command_line import Small, announce_smoke_test, main
+from experiments.markdown import markdown_table, write_text
+from experiments.method_figures import pairwise_figure, radar_figure
 from occjax.cli.options import option
-from occjax.data.sample import sample
+from occjax.data.bundled_sample import sample
 from occjax.data.scenes import GROUND_TRUTH
 from occjax.errors import InputError
 from occjax.evaluation import BORDER, SceneScores, evaluate_scene, read_disparity
-from occjax.io import atomic_path, read_pfm, write_pfm
-from occjax.viz import pairwise_figure, radar_figure, save
+from occjax.io import read_pfm, write_pfm
+from occjax.viz import save
 
 
-def named(estimates: tuple[str, ...]) -> dict[str, Path]:
-    """Paths by the names given to them on the command line."""
+def parse_named(estimates: tuple[str, ...]) -> dict[str, Path]:
+    """Return the paths of ``NAME=ESTIMATE`` arguments by name.
+
+    Raises:
+        InputError: If an argument has no name that is valid in a file name, or a name is repeated.
+    """
     paths = {}
     for estimate in estimates:
         name, equals, path = estimate.partition("=")
         if not (name and equals and path) or "/" in name:
-            raise InputError(f"{estimate}: is not NAME=ESTIMATE, with a name that fits a file's")
+            raise InputError(f"{estimate}: is not NAME=ESTIMATE with a name valid in a file name")
         if name in paths:
-            raise InputError(f"{name}: is the name of two estimates; give each its own")
+            raise InputError(f"{name}: is the name of two estimates; choose different names")
         paths[name] = Path(path)
     return paths
 
 
-def table(scores: dict[str, SceneScores]) -> str:
-    """Measures as a Markdown table, one method a column."""
+def table(scores: Mapping[str, SceneScores]) -> str:
+    """Return the measures as a Markdown table with one column for each method."""
     names = dict.fromkeys(name for one in scores.values() for name in one.values)
     rows = [
         [name, *(f"{s.values[name]:.3f}" if name in s.values else "-" for s in scores.values())]
@@ -64,56 +67,54 @@ def run(
         Annotated[Path | None, option("Folder of the scene.", "SCENE")]
     ] = None,
     estimates: tyro.conf.Positional[
-        Annotated[tuple[str, ...], option("One or more.", "NAME=ESTIMATE")]
+        Annotated[tuple[str, ...], option("One or more estimates.", "NAME=ESTIMATE")]
     ] = (),
     *,
     output: Annotated[
         Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER", help="Folder of the results.")
     ],
-    border: Annotated[int, tyro.conf.arg(help="Pixels left out at each side.")] = BORDER,
-    small: Annotated[bool, tyro.conf.arg(help="Compare maps whose scores are known.")] = False,
+    border: Annotated[int, tyro.conf.arg(help="Border to leave out, in pixels.")] = BORDER,
+    small: Small = False,
 ) -> dict[str, SceneScores]:
-    """Write the table and the pictures, print the table, and return the scores by method."""
+    """Write the table and the figures, print the table, and return the scores by method."""
     if small:
         if scene is not None:
-            raise InputError("--small makes its own maps; leave out the scene and the estimates")
+            raise InputError("--small has its own maps; remove the scene and the estimates")
+        announce_smoke_test()
         with tempfile.TemporaryDirectory() as folder:
             return compare(*write_known(Path(folder)), output, border=border)
     if scene is None or not estimates:
-        raise InputError("name a scene and one NAME=ESTIMATE or more, or try with --small")
-    return compare(scene, named(estimates), output, border=border)
+        raise InputError("name a scene and one or more NAME=ESTIMATE, or pass --small alone")
+    return compare(scene, parse_named(estimates), output, border=border)
 
 
 def compare(
     scene: Path, paths: Mapping[str, Path], output: Path, *, border: int
 ) -> dict[str, SceneScores]:
-    """Write the table and the pictures, print the table and what was written.
+    """Write the table and the figures, and print the table.
 
     Args:
-        scene: Folder with ground truth, and maybe masks.
+        scene: Folder with ground truth and optional masks.
         paths: Estimates by the name of the method.
         output: Folder of the results.
-        border: Pixels left out at each side.
+        border: Border to leave out at each side, in pixels.
 
     Returns:
         Scores by method.
 
     Raises:
-        InputError: If a file is missing or cannot be used.
+        InputError: If a file is missing or unusable.
     """
     scores = {name: evaluate_scene(scene, path, border=border) for name, path in paths.items()}
-    with atomic_path(output / "scores.md") as temporary:
-        temporary.write_text(table(scores) + "\n", encoding="utf-8")
-    title = f"{scene.resolve().name}: inside is better, the numbers are those of the rim"
+    write_text(output / "scores.md", table(scores))
+    title = f"{scene.resolve().name}: smaller is better; numbers are the values at the rim"
     save(radar_figure({n: s.values for n, s in scores.items()}, title=title), output / "radar.png")
     written = ["scores.md", "radar.png"]
     truth = read_pfm(scene / GROUND_TRUTH)
     maps = {name: read_disparity(path) for name, path in paths.items()}
-    for first, second in combinations(maps, 2):
-        figure = pairwise_figure(
-            maps[first], maps[second], truth, names=(first, second), border=border
-        )
-        written.append(f"{first}_against_{second}.png")
+    for pair in combinations(maps, 2):
+        figure = pairwise_figure(*(maps[name] for name in pair), truth, names=pair, border=border)
+        written.append(f"{pair[0]}_against_{pair[1]}.png")
         save(figure, output / written[-1])
     print(table(scores))
     print(f"\n{', '.join(written)} written to {output}")
@@ -121,16 +122,16 @@ def compare(
 
 
 def known_maps(truth: np.ndarray) -> dict[str, np.ndarray]:
-    """Two estimates whose scores are known, by name.
+    """Return two estimates with known scores.
 
-    Inside any border, ``moved`` has MSE x100 0.04, BadPix 0, 0 and 100 % and Q25 x100 2; ``half``
-    has MSE x100 0.5, BadPix 50 % thrice and Q25 x100 0.
+    For any border, ``moved`` has MSE x100 0.04, BadPix 0, 0 and 100 % and Q25 x100 2; ``half`` has
+    MSE x100 0.5, BadPix 50 % for all thresholds and Q25 x100 0.
 
     Args:
         truth: ``[H, W]`` true disparity, pixels per view step; W is even.
 
     Returns:
-        ``[H, W]`` each: the truth moved by 0.02, and moved by 0.1 in its left half.
+        ``[H, W]`` maps by name: the truth plus 0.02, and the truth plus 0.1 in its left half.
     """
     half = truth.copy()
     half[:, : truth.shape[1] // 2] += np.float32(0.1)
@@ -138,21 +139,18 @@ def known_maps(truth: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def write_known(folder: Path) -> tuple[Path, dict[str, Path]]:
-    """The bundled sample as a scene, and :func:`known_maps` of it.
-
-    Args:
-        folder: For the files.
+    """Write the bundled sample as a scene, and :func:`known_maps` of it.
 
     Returns:
         Folder of the scene, and the estimates by name.
     """
     truth = sample().ground_truth
     assert truth is not None
-    maps = known_maps(truth)
     write_pfm(folder / "sample" / GROUND_TRUTH, truth)
-    paths = {name: folder / f"{name}.pfm" for name in maps}
-    for name, path in paths.items():
-        write_pfm(path, maps[name])
+    paths = {}
+    for name, disparity in known_maps(truth).items():
+        paths[name] = folder / f"{name}.pfm"
+        write_pfm(paths[name], disparity)
     return folder / "sample", paths
 
 

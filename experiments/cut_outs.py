@@ -1,4 +1,4 @@
-"""Small light fields to try the scripts on."""
+"""Small light fields for smoke tests."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ import dataclasses
 
 import numpy as np
 
+from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
 from occjax.lightfield import LightField
+
+SMALL_SIZE_PX = 64
+"""Height and width of a smoke test's views."""
 
 
 def cut_out(
     light_field: LightField, size: int, corner: tuple[int, int] | None = None
 ) -> LightField:
-    """A square of a light field's pixels.
+    """Return a square part of all views of a light field.
 
     Args:
-        light_field: The whole.
-        size: Side of the square, in pixels; cut off where the views end.
-        corner: ``(row, column)`` of its upper left pixel; by default it is in the middle.
+        light_field: The whole light field.
+        size: Side of the square, in pixels; the square is clipped at the image border.
+        corner: ``(row, column)`` of its upper left pixel; by default the square is centred.
 
     Returns:
-        The same light field with fewer pixels, and without the calibration of the whole sensor.
+        The part, without the calibration, which describes the whole sensor.
 
     Raises:
-        InputError: If it would have no pixels.
+        InputError: If the part has no pixels.
 
     Example:
         >>> whole = LightField(np.zeros((3, 3, 8, 9, 1), np.uint8))
@@ -32,7 +36,7 @@ def cut_out(
         (4, 4)
     """
     if size < 1:
-        raise InputError(f"a cut-out of {size} pixels has none; its side must be 1 or more")
+        raise InputError(f"a cut-out of {size} pixels is empty; its side must be 1 or more")
     top, left = corner or [max(0, (length - size) // 2) for length in light_field.image_size]
     inner = np.s_[top : top + size, left : left + size]
     truth = light_field.ground_truth
@@ -42,3 +46,8 @@ def cut_out(
         ground_truth=None if truth is None else truth[inner],
         calibration=None,
     )
+
+
+def small_sample(size: int = SMALL_SIZE_PX) -> LightField:
+    """Return the central ``size`` x ``size`` pixels of the bundled sample."""
+    return cut_out(sample(), size)

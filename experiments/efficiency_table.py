@@ -1,19 +1,18 @@
-"""What the networks of tables 2 and 3 cost: parameters, FLOPs, time and memory.
+"""Cost of the networks of tables 2 and 3: parameters, FLOPs, time and memory.
 
     python -m experiments.efficiency_table > experiments/efficiency_table.md
     python -m experiments.efficiency_table --time --repeats 3 --networks cas_1 --size 128
-    python -m experiments.efficiency_table --small                 (minutes, for the test)
+    python -m experiments.efficiency_table --small                 (minutes)
 
-Cost: half a minute, since nothing is computed but with ``--time``, which runs every network; the
-paper's size wants a GPU (3 to 53 tera-operations an estimate). Expected: parameters and FLOPs as
-printed in the paper; XLA counts 1 to 8 % less, because it leaves out products with the zeros
-around an image, of which a volume of nine candidates has many. The result is committed beside this
-file.
+Cost: half a minute. Only ``--time`` runs the networks, which at the paper's size needs a GPU (3 to
+53 tera-operations an estimate). Expected: the paper's parameters and FLOPs; XLA counts 1 to 8 %
+less, because it omits products with zero padding, of which a volume of nine candidates has many.
+The result is committed as ``efficiency_table.md``.
 
-FLOPs are counted twice, by the formula of ``occjax.models.work`` and by XLA's analysis of the
-lowered program. That analysis counts the body of a loop once, so it is given the network whose
-volumes are computed at once, in which there is no loop, not the one in strips that ``occjax
-estimate`` runs.
+FLOPs are counted twice: by the formula of ``experiments.flops`` and by XLA's cost analysis of the
+lowered program. This analysis counts the body of a loop once, so it is applied to the network that
+materialises its volumes, which has no loop, and not to the prediction in strips of ``occjax
+estimate``.
 """
 
 from __future__ import annotations
@@ -27,9 +26,10 @@ import jax.numpy as jnp
 import tyro
 from tqdm import tqdm
 
-from experiments.command_line import main
+from experiments.command_line import Small, announce_smoke_test, main
+from experiments.flops import count_flops, count_parameters
 from experiments.markdown import markdown_table
-from experiments.measuring import Measured, measure
+from experiments.measuring import Measurement, measure
 from experiments.networks import (
     TABLE_2,
     TABLE_3,
@@ -39,80 +39,62 @@ from experiments.networks import (
     small_form,
 )
 from occjax.errors import InputError
-from occjax.models import NetworkConfig, OccCasNet, preset, variable_shapes
-from occjax.models.config import of_kind
-from occjax.models.work import count_flops, count_parameters
+from occjax.models import OccCasNet, OccCasNetConfig, preset, variable_shapes
 
-PAPER_SIZE = 256
-"""Height and width for which the paper's tables count."""
-
-SMALLER = (
-    "The formula leaves out sampling, occlusion weights and regression, which are less than a "
-    "hundredth of the paper's networks at its size but more of smaller ones."
-)
+PAPER_SIZE_PX = 256
+"""Height and width of the views in the paper's tables."""
 
 ROWS = (*TABLE_2, *(name for name in TABLE_3 if name not in TABLE_2))
 
 
 class Row(NamedTuple):
-    """A network and what it costs.
+    """Cost of a network.
 
     Attributes:
-        name: Of the preset.
+        name: Name of the preset.
         network: The network.
-        published: What the paper prints, if this is the paper's size.
+        published: The paper's numbers; None for another image size.
         parameters: Number of values.
-        flops: By formula, counted as in the paper.
-        inside: By formula, without products with the zeros around an image.
-        xla: As XLA counts, which leaves them out too.
-        measured: Time and memory, if they were measured.
+        flops: Operations by formula, counted as in the paper.
+        flops_inside: Operations by formula without products with zero padding.
+        flops_xla: Operations by XLA's analysis, which omits these products too.
+        measured: Time and memory; None if they were not measured.
     """
 
     name: str
-    network: NetworkConfig
+    network: OccCasNetConfig
     published: Published | None
     parameters: int
     flops: int
-    inside: int
-    xla: float
-    measured: Measured | None
+    flops_inside: int
+    flops_xla: float
+    measured: Measurement | None
 
 
-def flops_by_xla(config: NetworkConfig, size: int) -> float:
-    """Floating-point operations of one estimate, as XLA's analysis of the program has it.
+def flops_by_xla(config: OccCasNetConfig, image_size: tuple[int, int]) -> float:
+    """Return the floating-point operations of an estimate by XLA's cost analysis.
 
     Args:
-        config: A network of a grid of views.
-        size: Height and width, in pixels.
-
-    Returns:
-        Their number.
+        config: The network.
+        image_size: ``(H, W)`` of the views, in pixels.
 
     Raises:
-        RuntimeError: If the program has a loop, whose body would count once only.
+        RuntimeError: If the program has a loop, whose body would count only once.
     """
-    views = jax.ShapeDtypeStruct((*of_kind(config.views, tuple), size, size), jnp.float32)
-    truth = jax.ShapeDtypeStruct((size, size), jnp.float32)
+    views = jax.ShapeDtypeStruct((*config.views, *image_size), jnp.float32)
+    truth = jax.ShapeDtypeStruct(image_size, jnp.float32)
 
     def disparity(variables, views, truth):
-        outputs = OccCasNet(config).apply(variables, views, ground_truth=truth)
-        return of_kind(outputs, tuple)[-1].disparity
+        return OccCasNet(config).apply(variables, views, ground_truth=truth)[-1].disparity
 
     lowered = jax.jit(disparity).lower(variable_shapes(config), views, truth)
     if "stablehlo.while" in lowered.as_text():
         raise RuntimeError("XLA counts the body of a loop once: count a program without loops")
-    return of_kind(lowered.cost_analysis(), dict)["flops"]
+    return lowered.cost_analysis()["flops"]
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Costs as a Markdown table.
-
-    Args:
-        rows: The networks.
-
-    Returns:
-        The table, with a line feed between its lines, without columns that would be blank.
-    """
+    """Return the costs as a Markdown table; columns without any value are omitted."""
     head = [
         *("network", "preset", "candidates", "intervals", "parameters", "parameters (paper)"),
         *("FLOPs", "FLOPs (paper)", "by XLA", "formula without padding"),
@@ -130,8 +112,8 @@ def table(rows: Sequence[Row]) -> str:
             f"{paper.parameters} M" if paper else "",
             tera(row.flops),
             f"{paper.tera_flops} T" if paper else "",
-            tera(row.xla),
-            f"{100 * (row.inside / row.xla - 1):+.1f} %",
+            tera(row.flops_xla),
+            f"{100 * (row.flops_inside / row.flops_xla - 1):+.1f} %",
             f"{measured.seconds:.3g}" if measured else "",
             f"{paper.seconds}" if paper and paper.seconds else "",
             f"{measured.memory / 1e9:.2f} GB" if measured else "",
@@ -143,7 +125,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def deviations(rows: Sequence[Row]) -> list[str]:
-    """Which published numbers do not come out to the printed digits, and by how much."""
+    """Return the published numbers that are not reproduced to the printed digits."""
     found = []
     for row in rows:
         if row.published is None:
@@ -158,39 +140,38 @@ def deviations(rows: Sequence[Row]) -> list[str]:
 
 
 def tera(flops: float) -> str:
-    """A number of operations in three digits; small networks have less than a tera."""
+    """Format a number of operations with three digits, in tera or giga."""
     return f"{flops / 1e12:#.3g} T" if flops >= 1e11 else f"{flops / 1e9:#.3g} G"
 
 
 def mega(parameters: int) -> str:
-    """A number of parameters as the paper prints it; small networks have less than a million."""
+    """Format a number of parameters with two decimals, in millions or thousands."""
     return f"{parameters / 1e6:.2f} M" if parameters >= 1e5 else f"{parameters / 1e3:.2f} k"
 
 
 def run(
-    size: Annotated[int, tyro.conf.arg(help="Height and width of the views, pixels.")] = PAPER_SIZE,
-    time: Annotated[
-        bool, tyro.conf.arg(help="Run every network, for its time and memory.")
-    ] = False,
-    repeats: Annotated[int, tyro.conf.arg(help="Timed runs of each, of which the median.")] = 10,
-    networks: Annotated[tuple[str, ...], tyro.conf.arg(help="Presets; all rows by default.")] = (),
-    small: Annotated[
-        bool, tyro.conf.arg(help="Networks of 3x3 views and few channels at 32 pixels, run once.")
-    ] = False,
+    size: Annotated[
+        int, tyro.conf.arg(help="Height and width of the views, in pixels.")
+    ] = PAPER_SIZE_PX,
+    time: Annotated[bool, tyro.conf.arg(help="Measure time and memory too.")] = False,
+    repeats: Annotated[int, tyro.conf.arg(help="Timed runs; the table has the median.")] = 10,
+    networks: Annotated[tuple[str, ...], tyro.conf.arg(help="Presets; by default all rows.")] = (),
+    small: Small = False,
 ) -> list[Row]:
-    """Count, and measure if asked to; print the table and return its rows."""
+    """Count parameters and operations, print the table and return its rows."""
     if small:
         size, time, repeats = 32, True, 1
+        announce_smoke_test()
     if size < 1:
         raise InputError(f"--size must be 1 or more, not {size}")
     configs = {name: preset(name) for name in networks or ROWS}
     if small:
         configs = {name: small_form(config) for name, config in configs.items()}
-    measured: dict[str, Measured] = {}
-    if time:  # before this process takes a GPU
+    measured: dict[str, Measurement] = {}
+    if time:  # before this process reserves the memory of a GPU
         for name, config in tqdm(configs.items(), unit="network", disable=None):
             measured[name] = measure(config, size, repeats=repeats)
-    as_published = size == PAPER_SIZE and not small
+    as_published = size == PAPER_SIZE_PX and not small
     rows = [
         Row(
             name,
@@ -199,27 +180,28 @@ def run(
             count_parameters(config),
             count_flops(config, (size, size)),
             count_flops(config, (size, size), padding=False),
-            flops_by_xla(config, size),
+            flops_by_xla(config, (size, size)),
             measured.get(name),
         )
         for name, config in configs.items()
     ]
     print(table(rows))
-    print(f"\n{_conclusion(rows) if as_published else SMALLER}")
+    if as_published:
+        print(f"\n{_conclusion(rows)}")
     return rows
 
 
 def _conclusion(rows: Sequence[Row]) -> str:
-    apart = max(abs(row.inside / row.xla - 1) for row in rows)
+    apart = max(abs(row.flops_inside / row.flops_xla - 1) for row in rows)
     different = deviations(rows)
     sentences = (
-        "9x9 views of 256x256 pixels; seconds in the paper on an RTX 3090.",
-        "A multiply-add is two operations, the features are those of all views, and products with "
-        "the zeros around an image count, but not for XLA.",
-        f"Without those the formula and XLA differ by {100 * apart:.1f} % at most.",
+        "9x9 views of 256x256 pixels; the paper's seconds are on an RTX 3090.",
+        "A multiply-add is two operations. The features of all views count, and so do products "
+        "with zero padding, which XLA omits.",
+        f"Without them the formula and XLA differ by at most {100 * apart:.1f} %.",
         f"Not as published: {'; '.join(different)}."
         if different
-        else "All published parameters and FLOPs come out to the printed digits.",
+        else "All published parameters and FLOPs are reproduced to the printed digits.",
     )
     return " ".join(sentences)
 

@@ -1,4 +1,4 @@
-"""Rows of pictures with a title above and words in the corner, as the paper's figures have them."""
+"""Figures of panel rows, each panel with a title, as in the paper's figures."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from occjax.viz.canvas import BAR_TEXT, BAR_WIDTH, MARGIN, TEXT, Canvas
 
-LINE, GAP = 22, 12
-LETTER = 7
+LINE_HEIGHT, GAP = 22, 12
+LETTER_WIDTH = 7
 """Width of a letter of a title, in pixels."""
 
 MARK, FRAME = "#d62728", "#2b6fd6"
@@ -23,13 +23,13 @@ MARK, FRAME = "#d62728", "#2b6fd6"
 
 @dataclass(frozen=True, eq=False)
 class Bar:
-    """A colour bar beside the last picture of a row.
+    """Colour bar to the right of a panel.
 
     Attributes:
-        norm: Its range.
-        colours: Its colours.
-        label: What it measures.
-        cut: Ends with values beyond them: neither, min, max or both.
+        norm: Range of values.
+        colours: Colormap.
+        label: Name of the quantity.
+        cut: Ends of the range that values exceed: neither, min, max or both.
     """
 
     norm: Normalize
@@ -40,16 +40,16 @@ class Bar:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture.
+    """Image with a title.
 
     Attributes:
-        title: Line above it.
+        title: Line above the image.
         pixels: ``[H, W, 3]`` colours in [0, 1].
-        zoom: Width and height of each pixel on the sheet.
-        corner: Lines in its upper left corner, each with its colour.
-        bar: Colour bar on its right.
-        points: Places to mark, by letter: ``(row, column)``.
-        framed: ``[H, W]`` booleans; a blue line goes around those that are set.
+        zoom: Size of each image pixel in the figure, in figure pixels.
+        corner: Text lines in the upper left corner, each with its colour.
+        bar: Colour bar to the right.
+        points: Points to mark, each a letter and ``(row, column)``.
+        framed: ``[H, W]`` booleans; a blue line surrounds the true ones.
     """
 
     title: str
@@ -62,35 +62,37 @@ class Panel:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width, with its title and bar."""
+        """Height and width including title and bar, in figure pixels."""
         height, width = (length * self.zoom for length in self.pixels.shape[:2])
         room = GAP + BAR_WIDTH + BAR_TEXT if self.bar else 0
-        return LINE + height, max(width + room, LETTER * len(self.title))
+        return LINE_HEIGHT + height, max(width + room, LETTER_WIDTH * len(self.title))
 
 
 def panel_figure(
-    rows: Sequence[Sequence[Panel]], note: str = "", *, beside: Panel | None = None
+    rows: Sequence[Sequence[Panel]], note: str = "", *, left_panel: Panel | None = None
 ) -> Figure:
-    """Rows of panels.
+    """Draw rows of panels.
 
     Args:
-        rows: From top to bottom, each from left to right.
-        note: A line at the bottom.
-        beside: A panel on the left of all rows.
+        rows: Rows from top to bottom, each from left to right.
+        note: Line at the bottom.
+        left_panel: Panel to the left of all rows.
 
     Returns:
         The figure.
     """
     widths = [sum(panel.size[1] + GAP for panel in row) - GAP for row in rows]
     heights = [max(panel.size[0] for panel in row) for row in rows]
-    indent = 0 if beside is None else beside.size[1] + GAP
-    body = max(sum(heights) + GAP * (len(rows) - 1), 0 if beside is None else beside.size[0])
-    canvas = Canvas(
-        max(indent + max(widths), LETTER * len(note)) + 2 * MARGIN,
-        body + (GAP + LINE if note else 0) + 2 * MARGIN,
+    indent = 0 if left_panel is None else left_panel.size[1] + GAP
+    body = max(
+        sum(heights) + GAP * (len(rows) - 1), 0 if left_panel is None else left_panel.size[0]
     )
-    if beside is not None:
-        _draw(canvas, beside, MARGIN, MARGIN)
+    canvas = Canvas(
+        max(indent + max(widths), LETTER_WIDTH * len(note)) + 2 * MARGIN,
+        body + (GAP + LINE_HEIGHT if note else 0) + 2 * MARGIN,
+    )
+    if left_panel is not None:
+        _draw(canvas, left_panel, MARGIN, MARGIN)
     top = MARGIN
     for row, height in zip(rows, heights, strict=True):
         left = MARGIN + indent
@@ -104,9 +106,9 @@ def panel_figure(
 
 
 def shrink_step(values: np.ndarray, longest: int = 600) -> int:
-    """Every which pixel of ``[H, W, ...]`` is shown, so that neither side is above ``longest``.
+    """Return the step of subsampling ``[H, W, ...]`` values to sides of at most ``longest``.
 
-    Picked, not averaged: the mean of two sides of an edge is on neither.
+    Maps are subsampled without averaging: the mean across an edge is on neither of its sides.
 
     Example:
         >>> shrink_step(np.zeros((512, 1024))), shrink_step(np.zeros((512, 512)))
@@ -116,18 +118,23 @@ def shrink_step(values: np.ndarray, longest: int = 600) -> int:
 
 
 def rgb(image: np.ndarray) -> np.ndarray:
-    """``[H, W, C]`` image in [0, 1] as ``[H, W, 3]``."""
+    """Return an ``[H, W, C]`` image as ``[H, W, 3]``."""
     return np.broadcast_to(image, (*image.shape[:2], 3))
 
 
+def coloured(values: np.ndarray, norm: Normalize, colours: Colormap) -> np.ndarray:
+    """Return ``[H, W, 3]`` colours of a map ``[H, W]``; non-finite values get their own colour."""
+    return colours(norm(np.ma.masked_invalid(values)))[..., :3]
+
+
 def frame_lines(framed: np.ndarray) -> np.ndarray:
-    """Lines between pixels that are set and pixels that are not, or the outside.
+    """Return the boundary between true pixels and false pixels or the outside.
 
     Args:
         framed: ``[H, W]`` booleans.
 
     Returns:
-        ``[N, 2, 2]`` both ends of each line as (column, row), pixels being centred on whole ones.
+        ``[N, 2, 2]`` both ends of each line as (column, row); pixel centres are at integers.
 
     Example:
         >>> frame_lines(np.ones((1, 1), bool))[:2].tolist()
@@ -144,7 +151,7 @@ def frame_lines(framed: np.ndarray) -> np.ndarray:
 def _draw(canvas: Canvas, panel: Panel, left: int, top: int) -> None:
     height, width = (length * panel.zoom for length in panel.pixels.shape[:2])
     _write(canvas, panel.title, left, top)
-    axes = canvas.image(np.clip(panel.pixels, 0.0, 1.0), left, top + LINE, panel.zoom)
+    axes = canvas.image(np.clip(panel.pixels, 0.0, 1.0), left, top + LINE_HEIGHT, panel.zoom)
     if panel.framed is not None:
         lines = LineCollection(
             list(frame_lines(panel.framed)), colors=FRAME, linewidths=1.6, capstyle="projecting"
@@ -167,12 +174,12 @@ def _draw(canvas: Canvas, panel: Panel, left: int, top: int) -> None:
         )
     if panel.bar:
         bar = panel.bar
-        rectangle = (left + width + GAP, top + LINE, BAR_WIDTH, height)
+        rectangle = (left + width + GAP, top + LINE_HEIGHT, BAR_WIDTH, height)
         canvas.bar(bar.norm, bar.colours, bar.label, rectangle, cut=bar.cut)
 
 
 def _mark(axes: Axes, letter: str, place: tuple[int, int]) -> None:
-    """A ring around a pixel, and its letter beside it."""
+    """Draw a ring around a pixel with a letter next to it."""
     row, column = place
     axes.plot(column, row, "o", ms=11, mfc="none", mec="white", mew=3.0, clip_on=False)
     axes.plot(column, row, "o", ms=11, mfc="none", mec=MARK, mew=1.6, clip_on=False)
@@ -189,5 +196,5 @@ def _mark(axes: Axes, letter: str, place: tuple[int, int]) -> None:
 
 
 def _write(canvas: Canvas, text: str, left: int, top: int, *, size: float = 9.5) -> None:
-    x, y = left / canvas.size[0], 1.0 - (top + 0.4 * LINE) / canvas.size[1]
+    x, y = left / canvas.size[0], 1.0 - (top + 0.4 * LINE_HEIGHT) / canvas.size[1]
     canvas.figure.text(x, y, text, fontsize=size, va="center", color=TEXT, parse_math=False)

@@ -1,19 +1,18 @@
-"""Accuracy, FLOPs and time of a single-stage network by the interval of its candidates.
+"""Accuracy, FLOPs and time of a single-stage network by the interval of its candidates (figure 1).
 
     python -m experiments.interval_study FOLDER --data HCI/additional --validate HCI/training/*
     python -m experiments.interval_study FOLDER --recipe full        (procedural light fields)
-    python -m experiments.interval_study FOLDER --weights FILE... --validate SCENE...
-    python -m experiments.interval_study FOLDER --show --time        (what is done, no training)
-    python -m experiments.interval_study FOLDER --small              (minutes, for the test)
+    python -m experiments.interval_study FOLDER --show --time        (finished rows, no training)
+    python -m experiments.interval_study FOLDER --small              (minutes)
 
-The paper's figure 1: the network of LFattNet, candidates from -4 to 4. Which intervals the figure
-has, its text does not say; here they are those that the paper names elsewhere, 1 to 1/8 in halves
-and the 1/10 of SubFocal. Writes ``intervals.png`` into the folder and prints the table.
+Cost: each interval is trained as a row of ``experiments.ablation``; the finest needs nine times the
+operations of the coarsest. It needs a GPU, and so does ``--time`` at 256 pixels. It has not been
+run at full size yet. Expected: smaller intervals give smaller errors at a cost that is proportional
+to the number of candidates. The script prints a table and writes ``intervals.png``.
 
-Cost: each interval is trained as a row of ``experiments.ablation`` is; the finest needs nine times
-the operations of the coarsest. Nobody has run it at full size: it needs a GPU. ``--time`` wants one
-too, at 256 pixels. Expected: the finer, the more accurate, at a cost that is proportional to the
-number of candidates.
+The network is that of LFattNet with candidates from -4 to 4. The paper's text does not list the
+intervals of its figure; these are the ones that it names elsewhere, 1 to 1/8 in halves and the 1/10
+of SubFocal.
 """
 
 from __future__ import annotations
@@ -32,43 +31,36 @@ from tqdm import tqdm
 
 from experiments.command_line import main
 from experiments.efficiency_table import tera
+from experiments.flops import count_flops
 from experiments.markdown import markdown_table
-from experiments.measuring import Measured, measure
-from experiments.paper_training import Row, Training
-from experiments.score_tables import shown
-from experiments.training_rows import Scores, slug
-from occjax.cli.options import option
+from experiments.measuring import Measurement, measure
+from experiments.score_tables import format_score
+from experiments.training_rows import Row, Scores, Training, slug
 from occjax.errors import InputError
-from occjax.evaluation import BORDER
-from occjax.models import NetworkConfig, load_weights, preset, sampled
-from occjax.models.work import count_flops
-from occjax.training import TrainConfig, scenes_from_folders
-from occjax.training import validate as scores_on
-from occjax.training.validation import check_scenes
+from occjax.models import OccCasNetConfig, preset, sampled
 from occjax.viz.canvas import save
 
 INTERVALS = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 10)
 FIGURE = "intervals.png"
-
 COLOUR = "#2a6fbb"
 PANELS = ("BadPix 0.07 [%]", "MSE x100", "FLOPs", "time [s]")
 
 
 @dataclass(frozen=True)
 class Point:
-    """One interval.
+    """Result of one interval.
 
     Attributes:
         network: The network.
         flops: Operations of one estimate, counted as in the paper.
-        scores: Accuracy, empty if it is not known.
-        measured: Time and memory, if they were measured.
+        scores: Accuracy; empty if the network has not been trained.
+        measured: Time and memory; None if they were not measured.
     """
 
-    network: NetworkConfig
+    network: OccCasNetConfig
     flops: int
     scores: Scores
-    measured: Measured | None = None
+    measured: Measurement | None = None
 
     @property
     def candidates(self) -> int:
@@ -77,28 +69,28 @@ class Point:
 
     @property
     def interval(self) -> float:
-        """Distance of neighbouring candidates, pixels per view step."""
+        """Interval between candidates, pixels per view step."""
         first, second = self.network.stages[0].candidates[:2]
         return second - first
 
     @property
     def values(self) -> tuple[float | None, float | None, int, float | None]:
-        """One value for each of :data:`PANELS`; None where it is not known."""
+        """Values of :data:`PANELS`; None where a value is unknown."""
         bad, mse = self.scores.get("badpix_0.07"), self.scores.get("mse_x100")
         return bad, mse, self.flops, self.measured and self.measured.seconds
 
 
-def with_interval(interval: float) -> NetworkConfig:
-    """LFattNet with candidates of this interval.
+def with_interval(interval: float) -> OccCasNetConfig:
+    """Return LFattNet with an interval between its candidates.
 
     Args:
-        interval: Distance of neighbouring candidates; must divide [-4, 4].
+        interval: Interval in pixels per view step; it must divide [-4, 4].
 
     Returns:
         The configuration.
 
     Raises:
-        InputError: If it does not.
+        InputError: If the interval does not divide the range.
 
     Example:
         >>> len(with_interval(0.5).stages[0].candidates)
@@ -114,48 +106,8 @@ def with_interval(interval: float) -> NetworkConfig:
     )
 
 
-def score_weights(
-    files: Sequence[Path], folders: Sequence[Path], border: int
-) -> tuple[dict[str, NetworkConfig], dict[str, Scores]]:
-    """Accuracy of given weights.
-
-    Args:
-        files: Of single-stage networks.
-        folders: Scenes with ground truth.
-        border: Pixels left out at each side.
-
-    Returns:
-        Networks and scores, both by file.
-
-    Raises:
-        InputError: If there are no scenes, or a file holds a network of several stages or cannot be
-            read.
-    """
-    if not folders:
-        raise InputError("--weights needs scenes to score on: pass --validate SCENE...")
-    networks: dict[str, NetworkConfig] = {}
-    scores: dict[str, Scores] = {}
-    for file in files:
-        variables, network = load_weights(file)
-        if network.views is None or len(network.stages) > 1:
-            raise InputError(f"{file}: holds no network of a single stage")
-        config = TrainConfig(network)
-        scenes = scenes_from_folders(folders, config)
-        check_scenes(scenes, border=border)
-        networks[str(file)] = network
-        scores[str(file)] = scores_on(variables, scenes, config, border=border)
-    return networks, scores
-
-
 def table(points: Sequence[Point]) -> str:
-    """All that is known of each interval, as Markdown.
-
-    Args:
-        points: The intervals.
-
-    Returns:
-        The table, with a line feed between its lines.
-    """
+    """Return the results as a Markdown table; unknown values stay blank."""
     head = ["interval", "candidates", *PANELS, "peak memory"]
     rows = []
     for point in points:
@@ -164,7 +116,7 @@ def table(points: Sequence[Point]) -> str:
             [
                 _fraction(point.interval),
                 str(point.candidates),
-                *("" if score is None else shown(score) for score in (bad, mse)),
+                *("" if score is None else format_score(score) for score in (bad, mse)),
                 tera(flops),
                 "" if seconds is None else f"{seconds:.3g}",
                 f"{point.measured.memory / 1e9:.2f} GB" if point.measured else "",
@@ -174,14 +126,7 @@ def table(points: Sequence[Point]) -> str:
 
 
 def figure(points: Sequence[Point]) -> Figure:
-    """A panel for each measure over the number of candidates; none for what is not known.
-
-    Args:
-        points: The intervals.
-
-    Returns:
-        The figure.
-    """
+    """Plot each measure against the number of candidates; unknown measures have no panel."""
     known = [
         (number, name)
         for number, name in enumerate(PANELS)
@@ -207,39 +152,36 @@ def figure(points: Sequence[Point]) -> Figure:
 
 def run(
     folder: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Of all trainings.")
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings.")
     ],
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
-    weights: Annotated[tuple[Path, ...], option("Score these, train nothing.", "FILE...")] = (),
     intervals: Annotated[
-        tuple[float, ...], tyro.conf.arg(help="Distances of neighbouring candidates.")
+        tuple[float, ...], tyro.conf.arg(help="Intervals, in pixels per view step.")
     ] = INTERVALS,
-    time: Annotated[
-        bool, tyro.conf.arg(help="Run every network, for its time and memory.")
-    ] = False,
-    repeats: Annotated[int, tyro.conf.arg(help="Timed runs of each, of which the median.")] = 10,
+    time: Annotated[bool, tyro.conf.arg(help="Measure time and memory too.")] = False,
     size: Annotated[
-        int, tyro.conf.arg(help="Height and width of the views for FLOPs and time, pixels.")
+        int, tyro.conf.arg(help="Height and width of the views for FLOPs and time, in pixels.")
     ] = 256,
 ) -> list[Point]:
     """Train or read every interval, print the table, draw the figure and return the points."""
+    repeats = 10
     if training.small:
         size, repeats = 32, 1
     rows = {f"interval_{slug(_fraction(each))}": Row(with_interval(each)) for each in intervals}
     rows = training.sized(rows)
-    networks = {name: row.network for name, row in rows.items()}
-    if weights:
-        border = 4 if training.small else BORDER
-        networks, scores = score_weights(weights, training.validate, border)
     measured = {}
-    if time:  # before this process takes a GPU
-        for name, network in tqdm(networks.items(), unit="network", disable=None):
-            measured[name] = measure(network, size, repeats=repeats)
-    if not weights:
-        scores = training.scores(rows, folder)
+    if time:  # before this process reserves the memory of a GPU
+        for name, row in tqdm(rows.items(), unit="network", disable=None):
+            measured[name] = measure(row.network, size, repeats=repeats)
+    scores = training.scores(rows, folder)
     points = [
-        Point(network, count_flops(network, (size, size)), scores.get(name, {}), measured.get(name))
-        for name, network in networks.items()
+        Point(
+            row.network,
+            count_flops(row.network, (size, size)),
+            scores.get(name, {}),
+            measured.get(name),
+        )
+        for name, row in rows.items()
     ]
     points.sort(key=lambda point: -point.interval)
     save(figure(points), folder / FIGURE)

@@ -1,4 +1,4 @@
-"""Three ways to look at all views: side by side, along a line, and pixel by pixel."""
+"""Figure of a light field: sub-aperture images, epipolar plane images and macro-pixels."""
 
 from __future__ import annotations
 
@@ -7,42 +7,43 @@ from matplotlib.figure import Figure
 
 from experiments.figure_panels import Panel, panel_figure, rgb
 from occjax.io.mosaics import join_macpi, join_tiles
-from occjax.lightfield import LightField, to_grey, to_unit_float
+from occjax.lightfield import LightField, centre_index, to_grey, to_unit_float
 from occjax.viz.canvas import whole_zoom
 
-GAP, EPI_LINE = 2, 6
-"""Pixels between sub-aperture images, and height of a view's line of an epipolar plane image."""
+GAP_PX, EPI_LINE_PX = 2, 6
+"""Gap between sub-aperture images, and height of a view's line in an epipolar plane image."""
 
-TILED, WIDEST = 648, 512
-"""Longest sides of all views side by side, and of what is shown of the centre view, in pixels."""
+MAX_TILED_PX, MAX_CENTRE_PX = 648, 512
+"""Longest side of all sub-aperture images together, and of the part of the centre view."""
 
-MACRO_PIXELS = 216
-"""Longest side of a macro-pixel image, before it is enlarged."""
+MAX_MACRO_PIXELS_PX = 216
+"""Longest side of the macro-pixel image before it is enlarged."""
 
 
 def light_field_figure(light_field: LightField) -> Figure:
-    """Sub-aperture images, epipolar plane images and a part of the macro-pixel image.
+    """Draw sub-aperture images, epipolar plane images and a part of the macro-pixel image.
 
-    The epipolar plane images cross where the macro-pixel image is taken from: the square of the
-    centre view with most texture.
+    The part is the square of the centre view with most texture. The epipolar plane images cross in
+    its centre.
 
     Args:
         light_field: The views.
     """
     (rows, columns), size = light_field.grid, light_field.image_size
-    step = -(-max(rows * size[0], columns * size[1]) // TILED)
+    v0, u0 = centre_index(light_field.grid)
+    step = -(-max(rows * size[0], columns * size[1]) // MAX_TILED_PX)
     tiles = tiled(light_field.views, step)
-    side = min(max(1, MACRO_PIXELS // max(rows, columns)), *size)
+    side = min(max(1, MAX_MACRO_PIXELS_PX // max(rows, columns)), *size)
     centre = to_unit_float(light_field.centre)
     square = busiest_square(to_grey(centre), side)
     macro_pixels = join_macpi(to_unit_float(light_field.views[:, :, *square]))
     y, x = ((part.start + part.stop) // 2 for part in square)
     part = window(y, x, size)
-    across = to_unit_float(light_field.views[rows // 2, :, y, part[1]])
-    down = to_unit_float(light_field.views[:, columns // 2, part[0], x])
-    zoom = whole_zoom(centre[part].shape[:2], WIDEST)
-    thick = max(1, EPI_LINE // zoom)
-    of = "" if max(size) <= WIDEST else "part of the "
+    across = to_unit_float(light_field.views[v0, :, y, part[1]])
+    down = to_unit_float(light_field.views[:, u0, part[0], x])
+    zoom = whole_zoom(centre[part].shape[:2], MAX_CENTRE_PX)
+    thick = max(1, EPI_LINE_PX // zoom)
+    of = "" if max(size) <= MAX_CENTRE_PX else "part of the "
     framed = np.zeros(size, bool)
     framed[y] = framed[:, x] = framed[square] = True
     return panel_figure(
@@ -59,21 +60,21 @@ def light_field_figure(light_field: LightField) -> Figure:
             [Panel(f"y = {y}", rgb(across.repeat(thick, 0)), zoom)],
         ],
         "Epipolar plane images: the marked row (y) below the centre view and the marked column (x) "
-        "on its right, as all views of the grid's middle row or column see them.",
-        beside=Panel(
+        "on its right, in all views of the grid's centre row or column.",
+        left_panel=Panel(
             f"(a) {rows}x{columns} sub-aperture images",
             rgb(tiles),
-            whole_zoom(tiles.shape[:2], TILED),
+            whole_zoom(tiles.shape[:2], MAX_TILED_PX),
         ),
     )
 
 
 def tiled(views: np.ndarray, step: int) -> np.ndarray:
-    """All views in one image, ``step`` x ``step`` pixels averaged, with gaps between the views.
+    """Return all views in one image with gaps, reduced by averaging ``step`` x ``step`` pixels.
 
     Args:
-        views: ``[V, U, H, W, C]`` as stored.
-        step: 1 or more.
+        views: ``[V, U, H, W, C]`` views as stored.
+        step: Factor of the reduction, 1 or more.
 
     Returns:
         ``[rows, columns, C]`` in [0, 1].
@@ -86,17 +87,17 @@ def tiled(views: np.ndarray, step: int) -> np.ndarray:
         .mean((1, 3))
         for view in views.reshape(v * u, h, w, c)
     ]
-    gap = [(0, 0), (0, 0), (0, GAP), (0, GAP), (0, 0)]
+    gap = [(0, 0), (0, 0), (0, GAP_PX), (0, GAP_PX), (0, 0)]
     separate = np.pad(np.reshape(small, (v, u, rows, columns, c)), gap, constant_values=1.0)
-    return join_tiles(separate)[:-GAP, :-GAP]
+    return join_tiles(separate)[:-GAP_PX, :-GAP_PX]
 
 
 def busiest_square(grey: np.ndarray, side: int) -> tuple[slice, slice]:
-    """Rows and columns of the square with most texture, not at the rim if there is room.
+    """Return the rows and columns of the square with most texture, away from the image border.
 
     Args:
         grey: ``[H, W]`` image.
-        side: Of the square, in pixels; no longer than the image.
+        side: Side of the square, in pixels; at most that of the image.
 
     Example:
         >>> image = np.zeros((6, 9))
@@ -117,13 +118,13 @@ def busiest_square(grey: np.ndarray, side: int) -> tuple[slice, slice]:
 
 
 def window(y: int, x: int, size: tuple[int, int]) -> tuple[slice, slice]:
-    """Rows and columns around a pixel, no more than are shown of the centre view.
+    """Return rows and columns around a pixel, at most ``MAX_CENTRE_PX`` of each.
 
     Example:
         >>> window(700, 10, (1000, 400))
         (slice(444, 956, None), slice(0, 400, None))
     """
-    shown = [min(WIDEST, length) for length in size]
+    shown = [min(MAX_CENTRE_PX, length) for length in size]
     starts = [
         min(max(0, place - part // 2), length - part)
         for place, part, length in zip((y, x), shown, size, strict=True)

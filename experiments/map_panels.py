@@ -1,4 +1,4 @@
-"""Disparity maps side by side, below their errors with scores in the corner."""
+"""Figure of disparity maps side by side, with their errors and scores."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from matplotlib.colors import Colormap, Normalize, to_rgb
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from experiments.figure_panels import Bar, Panel, panel_figure, rgb, shrink_step
+from experiments.figure_panels import Bar, Panel, coloured, panel_figure, rgb, shrink_step
 from occjax.evaluation import Metrics
-from occjax.inference.outputs import compare
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.lightfield import LightField, to_unit_float
+from occjax.results.outputs import compare
 from occjax.viz.canvas import TEXT, whole_zoom
 from occjax.viz.colour import (
     MISSING,
@@ -22,19 +23,19 @@ from occjax.viz.colour import (
     disparity_limits,
     limits,
 )
-from occjax.viz.figures import BAD, DISPARITY_LABEL, ERROR_LABEL, error_picture, error_scale
+from occjax.viz.figures import DISPARITY_LABEL, ERROR_LABEL, error_picture, error_scale
 
 GOOD_COLOUR, BAD_COLOUR = "#dce9dc", "#b2182b"
-"""Colours of a BadPix map."""
+"""Colours of good and bad pixels in a BadPix map."""
 
 BEST, SECOND = "#c00000", "#1f4fc0"
 """Colours of the best and the second best score, as in the paper."""
 
-MANY, SMALLER = 4, 300
-"""More maps than this are shown smaller: no side is longer, in pixels."""
+MAX_LARGE_MAPS, SMALL_MAP_SIZE_PX = 4, 300
+"""Number of maps above which maps are reduced, and the maximum side of a reduced map."""
 
 Maps = Mapping[str, np.ndarray]
-"""Disparity ``[H, W]`` of each method or stage by its name."""
+"""``[H, W]`` disparity by the name of a method or stage."""
 
 
 def maps_figure(
@@ -45,21 +46,21 @@ def maps_figure(
     binary: bool,
     rank: bool = False,
 ) -> Figure:
-    """Disparities side by side in the same colours, and above them their errors, if there is truth.
+    """Draw disparities in common colours, below their errors if there is ground truth.
 
     Args:
         light_field: The views.
         maps: Disparity by name.
-        confidence: ``[H, W]`` in [0, 1] of the last map, to keep wild values out of the range of
-            the colours.
-        binary: Whether errors are shown as good and bad pixels alone.
-        rank: Whether the best and the second best scores have colours.
+        confidence: ``[H, W]`` confidence of the last map, in [0, 1]; uncertain outliers are
+            excluded from the colour range.
+        binary: Draw errors as BadPix maps instead of signed errors.
+        rank: Colour the best and the second best scores.
     """
     truth, last = light_field.ground_truth, list(maps.values())[-1]
     known = confidence is not None or truth is not None
     norm = disparity_limits(last, confidence, truth) if known else limits(*maps.values())
     colours = disparity_colours()
-    step = shrink_step(last, *[SMALLER] * (len(maps) > MANY))
+    step = shrink_step(last, *[SMALL_MAP_SIZE_PX] * (len(maps) > MAX_LARGE_MAPS))
     zoom = whole_zoom(last[::step, ::step].shape)
     bar = Bar(norm, colours, DISPARITY_LABEL, cut_ends(norm, *maps.values()))
 
@@ -71,33 +72,30 @@ def maps_figure(
     if truth is None:
         return panel_figure([[centre, *with_bar(below, bar)]])
     corners = score_lines(maps, truth, rank=rank)
-    error_norm, error_colours, _ = error_scale(BAD)
+    error_norm, error_colours, _ = error_scale()
     above = []
     for name, disparity in maps.items():
         pair = disparity[::step, ::step], truth[::step, ::step]
         if binary:
-            title, picture = f"{name}: BadPix {BAD:g}", badpix_picture(*pair, BAD)
+            title = f"{name}: BadPix {BAD_PIXEL_THRESHOLD:g}"
+            picture = badpix_picture(*pair, BAD_PIXEL_THRESHOLD)
         else:
             title, picture = f"{name}: error", error_picture(*pair, error_norm, error_colours)
         above.append(Panel(title, picture, zoom, corner=corners[name]))
     if not binary:
         above = with_bar(above, Bar(error_norm, error_colours, ERROR_LABEL, "both"))
     rows = [[centre, *above], [shown("ground truth", truth), *with_bar(below, bar)]]
-    return panel_figure(rows, f"Red: error above {BAD:g} pixels per view step." if binary else "")
-
-
-def coloured(values: np.ndarray, norm: Normalize, colours: Colormap) -> np.ndarray:
-    """``[H, W, 3]`` colours of a map ``[H, W]``; what is not finite has the colour for it."""
-    return colours(norm(np.ma.masked_invalid(values)))[..., :3]
+    legend = f"Red: error above {BAD_PIXEL_THRESHOLD:g} pixels per view step."
+    return panel_figure(rows, legend if binary else "")
 
 
 def badpix_picture(disparity: np.ndarray, truth: np.ndarray, threshold: float) -> np.ndarray:
-    """Where an estimate is bad: red if it is, pale if not, grey without truth, black without value.
+    """Return a BadPix map: bad red, good pale, without ground truth grey, without estimate black.
 
     Args:
         disparity: ``[H, W]`` estimate, pixels per view step.
         truth: ``[H, W]`` true disparity.
-        threshold: Error above which a pixel is bad.
+        threshold: Error above which a pixel is bad, pixels per view step.
 
     Returns:
         ``[H, W, 3]`` colours in [0, 1].
@@ -117,22 +115,22 @@ def badpix_picture(disparity: np.ndarray, truth: np.ndarray, threshold: float) -
 
 
 def with_bar(panels: Sequence[Panel], bar: Bar) -> list[Panel]:
-    """The panels, the last with a colour bar."""
+    """Return the panels with a colour bar at the last one."""
     return [*panels[:-1], replace(panels[-1], bar=bar)]
 
 
 def score_lines(
     maps: Maps, truth: np.ndarray, *, rank: bool = False
 ) -> dict[str, list[tuple[str, str]]]:
-    """BadPix and MSE of each map in words, with their colours.
+    """Return text lines with the BadPix and MSE of each map, and their colours.
 
     Args:
         maps: Disparity by name.
         truth: ``[H, W]`` true disparity.
-        rank: Whether the best scores are red, and blue the second best of more than two.
+        rank: Colour the best scores red, and of more than two the second best blue.
 
     Returns:
-        By name; nothing for maps that cannot be compared with the truth.
+        Lines and colours by name; no lines for maps without any comparable pixel.
 
     Example:
         >>> score_lines({"good": np.zeros((4, 4))}, np.zeros((4, 4)))["good"][0][0]
@@ -151,7 +149,7 @@ def score_lines(
 
 
 def _scores(metrics: Metrics) -> dict[str, tuple[float, str]]:
-    """Each score as it is printed and as words."""
+    """Return each score as a rounded number and as text."""
     found = {}
     for threshold in (0.07, 0.03):
         percent = round(metrics.badpix[threshold], 2)

@@ -1,22 +1,25 @@
-"""Tables as Markdown."""
+"""Markdown tables."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from occjax.io.atomic import atomic_path
 
 
 def markdown_table(
     head: Sequence[str], rows: Iterable[Sequence[str]], *, right: bool = False
 ) -> str:
-    r"""A table.
+    r"""Return a table.
 
     Args:
         head: Names of the columns.
         rows: Cells of each row.
-        right: Whether all columns but the first are aligned right.
+        right: Align all columns except the first to the right.
 
     Returns:
-        Its lines, without a line feed at the end.
+        Lines of the table, without a newline at the end.
 
     Example:
         >>> print(markdown_table(["method", "MSE"], [["a|b", "0.2"]], right=True))
@@ -27,6 +30,12 @@ def markdown_table(
     others = "|---:" if right else "|---"
     lines = [_line(head), "|---" + others * (len(head) - 1) + "|", *map(_line, rows)]
     return "\n".join(lines)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text and a newline to a file, atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Time and memory of a network on this machine, each network in a process of its own."""
+"""Time and memory of a network on this machine; each network runs in its own process."""
 
 from __future__ import annotations
 
@@ -13,41 +13,39 @@ import jax
 import jax.numpy as jnp
 
 from occjax.errors import InputError
-from occjax.inference.network import infer
-from occjax.inference.summary import peak_memory_bytes
-from occjax.models import NetworkConfig, variable_shapes
-from occjax.models.config import of_kind
+from occjax.models import OccCasNetConfig, predict, variable_shapes
+from occjax.results.summary import peak_memory_bytes
 
 
-class Measured(NamedTuple):
-    """What running a network took.
+class Measurement(NamedTuple):
+    """Time and memory of an estimate.
 
     Attributes:
-        seconds: Median time of an estimate, once compiled.
-        memory: Peak in bytes: of the GPU's memory, without one of the whole process.
+        seconds: Median time of an estimate, without compilation.
+        memory: Peak memory in bytes: of the GPU, or without a GPU of the whole process.
     """
 
     seconds: float
     memory: int
 
 
-def measure(config: NetworkConfig, size: int, *, repeats: int = 10) -> Measured:
-    """Estimate a light field as ``occjax estimate`` does, several times.
+def measure(config: OccCasNetConfig, size: int, *, repeats: int = 10) -> Measurement:
+    """Measure estimates of one light field, computed as ``occjax estimate`` computes them.
 
-    Memory is counted from the start of a process, and a network must not pay for the one before,
-    so that each has its own process. A GPU that this process has used before has no room left for
-    another, unless ``XLA_PYTHON_CLIENT_PREALLOCATE=false`` is set.
+    Peak memory counts from the start of a process, so each network needs its own process. If this
+    process has used the GPU before, set ``XLA_PYTHON_CLIENT_PREALLOCATE=false``; otherwise it
+    leaves no memory to the other process.
 
     Args:
-        config: A network of a grid of views; the values of its weights do not matter.
+        config: The network; its weights are arbitrary.
         size: Height and width of the views, in pixels.
-        repeats: Estimates, after a first one that is not timed.
+        repeats: Number of timed estimates after a first one, which compiles.
 
     Returns:
-        Time and memory.
+        Median time and peak memory.
 
     Raises:
-        InputError: If there are no repeats, or the process is killed, as for lack of memory.
+        InputError: If there are no repeats, or the process ends early, usually for lack of memory.
     """
     if repeats < 1 or size < 1:
         raise InputError(f"repeats and size must be 1 or more, not {repeats} and {size}")
@@ -56,20 +54,19 @@ def measure(config: NetworkConfig, size: int, *, repeats: int = 10) -> Measured:
             return process.submit(_measure_here, config, size, repeats).result()
         except (BrokenProcessPool, jax.errors.JaxRuntimeError) as error:
             raise InputError(
-                f"{size}x{size} pixels did not fit into memory; pass a smaller --size"
+                f"{size}x{size} pixels do not fit into memory; pass a smaller --size"
             ) from error
 
 
-def _measure_here(config: NetworkConfig, size: int, repeats: int) -> Measured:
-    shape = (*of_kind(config.views, tuple), size, size)
-    views = jax.random.uniform(jax.random.key(0), shape)
+def _measure_here(config: OccCasNetConfig, size: int, repeats: int) -> Measurement:
+    views = jax.random.uniform(jax.random.key(0), (*config.views, size, size))
     truth = jnp.zeros((size, size))
-    # Compiling the initialisation would take longer than all that follows.
+    # Compiling the initialisation would take longer than the measurement.
     variables = jax.tree.map(lambda leaf: jnp.full(leaf.shape, 0.02), variable_shapes(config))
 
     @jax.jit
     def estimate(variables, views, truth):
-        return infer(variables, views, config, ground_truth=truth)[-1].disparity
+        return predict(variables, views, config, ground_truth=truth)[-1].disparity
 
     jax.block_until_ready(estimate(variables, views, truth))
     seconds = []
@@ -78,6 +75,6 @@ def _measure_here(config: NetworkConfig, size: int, repeats: int) -> Measured:
         jax.block_until_ready(estimate(variables, views, truth))
         seconds.append(time.perf_counter() - begin)
     device = jax.devices()[0].memory_stats() or {}
-    return Measured(
+    return Measurement(
         statistics.median(seconds), int(device.get("peak_bytes_in_use", peak_memory_bytes()))
     )

@@ -1,4 +1,4 @@
-"""The networks of the paper's tables with the numbers printed there, and small ones like them."""
+"""Networks of the paper's tables with their published numbers, and small variants of them."""
 
 from __future__ import annotations
 
@@ -13,21 +13,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from occjax.models import FeatureConfig, NetworkConfig, Residual, variable_shapes
-from occjax.models.config import of_kind
+from occjax.models import AggregationConfig, FeatureConfig, OccCasNetConfig, variable_shapes
 
 
 class Published(NamedTuple):
     """A row of the paper's table 2 or 3.
 
     Attributes:
-        name: As printed.
-        parameters: In millions, as printed.
-        tera_flops: For 9x9 views of 256x256 pixels, as printed.
-        seconds: For such views on an RTX 3090; table 2 alone has them.
-        badpix: BadPix 0.07 in %, mean over the eight validation scenes of the HCI benchmark; table
-            3 alone is about these.
-        mse: MSE x100 on the same scenes.
+        name: Name as printed.
+        parameters: Parameters in millions, as printed.
+        tera_flops: Tera-operations for 9x9 views of 256x256 pixels, as printed.
+        seconds: Seconds for such views on an RTX 3090; only in table 2.
+        badpix: BadPix 0.07 in %, mean over the eight validation scenes of the HCI benchmark; only
+            in table 3.
+        mse: MSE x100, mean over the same scenes; only in table 3.
     """
 
     name: str
@@ -48,7 +47,7 @@ TABLE_2: Mapping[str, Published] = MappingProxyType(
         "occcasnet": Published("OccCasNet", "4.79", "13.2", seconds=1.13),
     }
 )
-"""Efficiency of the final networks, by preset."""
+"""Table 2, efficiency of the final networks, by preset."""
 
 TABLE_3: Mapping[str, Published] = MappingProxyType(
     {
@@ -67,15 +66,15 @@ TABLE_3: Mapping[str, Published] = MappingProxyType(
         "occcasnet": _cas("Cas_2-occ", "4.79", "13.2", 1.733, 0.762),
     }
 )
-"""The ablation, by preset."""
+"""Table 3, the ablation, by preset."""
 
 CAS_2_AGAIN = _cas("Cas_2", "4.79", "5.87", 2.651, 1.076)
-"""A second row of table 3 for the same network as ``cas_2``, above those with 17 and 33 candidates:
-how far apart two trainings of one network are."""
+"""Second row of table 3 for the network ``cas_2``, in the group of candidate numbers. Its distance
+from the first row shows how much two trainings of the same network differ."""
 
 
-def small_form(network: NetworkConfig) -> NetworkConfig:
-    """The same stages with the same candidates, of 3x3 views and few channels.
+def small_form(network: OccCasNetConfig) -> OccCasNetConfig:
+    """Return the network with 3x3 views and few channels; stages and candidates are the same.
 
     Example:
         >>> from occjax.models import preset
@@ -84,7 +83,7 @@ def small_form(network: NetworkConfig) -> NetworkConfig:
         ((3, 3), [33, 9])
     """
     return dataclasses.replace(
-        network.with_stages(aggregation=Residual(4, 0)),
+        network.with_stages(aggregation=AggregationConfig(4, 0)),
         views=(3, 3),
         features=FeatureConfig(
             widths=(4, 4), blocks=(1, 1), dilations=(1, 1), pooled=(2,), pooled_width=2, fused=4
@@ -93,25 +92,28 @@ def small_form(network: NetworkConfig) -> NetworkConfig:
     )
 
 
-SCORES = 3e-4
-"""Factor on the random kernel of the last layer of :func:`random_light_field`."""
+SCORE_SCALE = 3e-4
+"""Scale of the last layer's random kernel in :func:`random_light_field`."""
 
 
 def random_light_field(
-    config: NetworkConfig, height: int, width: int, *, scores: float = SCORES
+    config: OccCasNetConfig, height: int, width: int, *, score_scale: float = SCORE_SCALE
 ) -> tuple[dict, Float[Array, "v u h w"]]:
-    """Random weights and views.
+    """Return random weights and views.
 
-    The scores are scaled to the few units that a trained network has: random ones are thousands,
-    and a pixel at which two candidates tie jumps from one to the other with the last bit, in any
-    order of the sums.
+    The scores are scaled to a few units, as in a trained network. Unscaled random scores are in the
+    thousands: the softmax then selects a single candidate, and where two candidates tie, rounding
+    decides between them.
 
     Args:
-        config: A network of a grid of views.
-        height: Of the views, in pixels.
-        width: Likewise.
-        scores: Factor on the random kernel of the last layer; by default for networks as wide as
-            the published one, narrow ones need more.
+        config: The network.
+        height: Height of the views, in pixels.
+        width: Width of the views, in pixels.
+        score_scale: Scale of the last layer's random kernel. The default suits the width of the
+            published network; narrower networks need a larger one.
+
+    Returns:
+        Variables, and ``[v, u, h, w]`` float32 grey views in [0, 1].
     """
     generator = np.random.default_rng(0)
 
@@ -121,7 +123,7 @@ def random_light_field(
     def draw(path, leaf):
         noise = generator.normal(size=leaf.shape)
         if path[-1].key == "kernel":
-            noise *= np.sqrt(2 / np.prod(leaf.shape[:-1])) * (scores if on_scores(path) else 1)
+            noise *= np.sqrt(2 / np.prod(leaf.shape[:-1])) * (score_scale if on_scores(path) else 1)
         elif path[-1].key in ("scale", "var"):
             noise = 0.9 + 0.2 * np.abs(noise)
         else:
@@ -129,12 +131,12 @@ def random_light_field(
         return jnp.asarray(noise, leaf.dtype)
 
     variables = jax.tree_util.tree_map_with_path(draw, variable_shapes(config))
-    shape = (*of_kind(config.views, tuple), height, width)
+    shape = (*config.views, height, width)
     return variables, jnp.asarray(generator.uniform(size=shape), jnp.float32)
 
 
-def candidate_numbers(network: NetworkConfig) -> str:
-    """Candidates of each stage, as the paper prints them.
+def candidate_numbers(network: OccCasNetConfig) -> str:
+    """Return the number of candidates of each stage, as the paper prints them.
 
     Example:
         >>> from occjax.models import preset
@@ -144,8 +146,8 @@ def candidate_numbers(network: NetworkConfig) -> str:
     return ", ".join(str(len(stage.candidates)) for stage in network.stages)
 
 
-def candidate_intervals(network: NetworkConfig) -> str:
-    """Distance of neighbouring candidates in each stage, as the paper prints them.
+def candidate_intervals(network: OccCasNetConfig) -> str:
+    """Return the interval between candidates of each stage, as the paper prints them.
 
     Example:
         >>> from occjax.models import preset

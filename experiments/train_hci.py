@@ -1,24 +1,24 @@
 """The published training on the HCI 4D benchmark, end to end.
 
     python -m experiments.train_hci HCI -o runs/hci
-    python -m experiments.train_hci HCI -o runs/hci --minutes 55     (a part; again to go on)
-    python -m experiments.train_hci -o runs/small --small            (a minute, no download)
+    python -m experiments.train_hci HCI -o runs/hci --minutes 55     (stop early; again to resume)
+    python -m experiments.train_hci -o runs/small --small            (a minute)
 
-HCI is a folder with the benchmark's 16 additional scenes, to train on, and the eight scenes whose
-ground truth is public, to validate on, as its archives unpack (``additional/antinous`` and so on).
-The published training leaves out the reflective regions of kitchen, museum and vinyl. They are
-masked by ``mask.png`` in the scene's folder, not black where it is masked; or by the images that
-published trainings share, ``additional_invalid_area/<scene>/*.png``, opaque where it is masked,
-in HCI or anywhere with ``--masks FOLDER``. ``--without-masks`` trains though some are missing.
+Cost: 480,000 steps of 32 patches, which need a GPU; according to the paper a week on an RTX 3090.
+Expected: ``scores.md`` with MSE x100 of 0.762 and BadPix 0.07 of 1.733, as in the paper's table 3.
+This has not been run at full size yet.
 
-Cost: 480,000 steps of 32 patches, for a GPU. After every 4000 steps the eight scenes are validated
-as whole images; ``training/best.safetensors`` has the least mean BadPix 0.07. At the end, or when
-the time is up, it is scored again, as whole images and as the published code did: nine crops of
-half the size (256 pixels), a quarter (128) apart, whose disparities are averaged where they
-overlap. The published code chose its best by these crops, too. Both are printed and written,
-as ``scores.md``, beside what the paper's ablation says, which is what to expect: MSE x100 of 0.762
-and BadPix 0.07 of 1.733. Nobody has run this at full size yet. The small form, a network of 3x3
-views and few channels on cut-outs of the bundled sample, shows nothing but that it runs.
+HCI is a folder with the benchmark's unpacked archives (``additional/antinous`` and so on): its 16
+additional scenes are for training, the eight scenes with public ground truth for validation. After
+every 4000 steps whole images of these are validated, and ``training/best.safetensors`` keeps the
+weights with the smallest mean BadPix 0.07. At the end these weights are scored again, on whole
+images and by the method of the published code: the disparities of nine crops of half the size (256
+pixels) at a stride of a quarter (128) are averaged where they overlap.
+
+The published training leaves out the reflective regions of kitchen, museum and vinyl. Their masks
+are ``mask.png`` in the scene's folder, where masked pixels are not black, or the images that
+published trainings share, ``additional_invalid_area/<scene>/*.png``, where masked pixels are
+opaque, in HCI or in ``--masks FOLDER``. ``--without-masks`` trains on these regions too.
 """
 
 from __future__ import annotations
@@ -32,25 +32,24 @@ import imageio.v3 as imageio
 import numpy as np
 import tyro
 
-from experiments.command_line import main
-from experiments.cut_outs import cut_out
-from experiments.hci_masks import REFLECTIVE, shared_masks, with_mask
-from experiments.hci_scenes import MASKS, every_scene
-from experiments.markdown import markdown_table
+from experiments.blender.folder import view_name
+from experiments.command_line import Small, announce_smoke_test, main
+from experiments.cut_outs import SMALL_SIZE_PX, cut_out
+from experiments.hci_scenes import MASKS, REFLECTIVE, every_scene, shared_masks, with_mask
+from experiments.markdown import markdown_table, write_text
 from experiments.networks import TABLE_3, small_form
-from experiments.paper_training import base_recipe
+from experiments.submission import STRATIFIED, TRAINING
+from experiments.training_rows import Scores, base_recipe
 from occjax.cli.options import option
+from occjax.data.bundled_sample import sample
 from occjax.data.folders import published_source
-from occjax.data.sample import sample
-from occjax.data.samples import Sample
+from occjax.data.samples import LightFieldSample
 from occjax.data.scenes import GROUND_TRUTH, load_scenes
 from occjax.errors import InputError
 from occjax.io import write_pfm
-from occjax.io.atomic import atomic_path, check_writable
-from occjax.io.submission import STRATIFIED, TRAINING
+from occjax.io.atomic import check_writable
 from occjax.models import load_weights
-from occjax.render.folder import view_name
-from occjax.training import Recipe, Scene, scenes_from_folders, train, validate
+from occjax.training import Recipe, ValidationScene, scenes_from_folders, train, validate
 from occjax.training.loop import BEST_FILE
 from occjax.training.validation import predict, score_scenes
 
@@ -58,50 +57,48 @@ ADDITIONAL = (
     *("antinous", "boardgames", "dishes", "greek", "kitchen", "medieval2", "museum", "pens"),
     *("pillows", "platonic", "rosemary", "table", "tomb", "tower", "town", "vinyl"),
 )
-"""The benchmark's scenes to train on."""
+"""Training scenes of the benchmark."""
 
 VALIDATION = (*STRATIFIED, *TRAINING)
 
 SMALL_TRAINING, SMALL_VALIDATION = ("antinous", "kitchen"), ("boxes",)
-SMALL_SIZE, SMALL_STEPS = 64, 4
-
-Scores = Mapping[str, float]
+SMALL_STEPS = 4
 
 
 def run(
-    hci: tyro.conf.Positional[Annotated[Path | None, option("The benchmark's scenes.", "HCI")]] = (
-        None
-    ),
+    hci: tyro.conf.Positional[
+        Annotated[Path | None, option("Folder of the benchmark's scenes.", "HCI")]
+    ] = (None),
     *,
     output: Annotated[
-        Path, tyro.conf.arg(aliases=["-o"], help="Folder of the training; gone on with.")
+        Path, tyro.conf.arg(aliases=["-o"], help="Folder of the training; it is resumed.")
     ],
     masks: Annotated[Path | None, option("Folder with masks of reflective regions.", "DIR")] = None,
-    without_masks: Annotated[bool, tyro.conf.arg(help="Train though masks are missing.")] = False,
-    steps: Annotated[int | None, option("Steps in place of the recipe's.", "N")] = None,
-    minutes: Annotated[float | None, option("Stop after this long; go on later.", "M")] = None,
-    seed: Annotated[int, tyro.conf.arg(help="Of first weights and data.")] = 0,
-    small: Annotated[bool, tyro.conf.arg(help="A small network, on scenes of its own.")] = False,
+    without_masks: Annotated[bool, tyro.conf.arg(help="Accept missing masks.")] = False,
+    steps: Annotated[int | None, option("Number of steps instead of the recipe's.", "N")] = None,
+    minutes: Annotated[float | None, option("Stop after this time; resume later.", "M")] = None,
+    seed: Annotated[int, tyro.conf.arg(help="Seed of the initial weights and the data.")] = 0,
+    small: Small = False,
 ) -> dict[str, dict[str, float]]:
-    """Train on the HCI benchmark as published, or go on with it, and score the best weights."""
+    """Train on the HCI benchmark as published, or resume, and score the best weights."""
     if (hci is None) != small:
-        raise InputError("give the folder of the benchmark's scenes, or --small alone")
+        raise InputError("name the folder of the benchmark's scenes, or pass --small alone")
     check_writable(output)
     folder = output / "training"
-    learnt: Sequence[str] = ADDITIONAL
+    trained_on: Sequence[str] = ADDITIONAL
     held_out: Sequence[str] = VALIDATION
     if hci is None:
+        announce_smoke_test()
         hci = output / "scenes"
         write_small_scenes(hci)
-        learnt, held_out = SMALL_TRAINING, SMALL_VALIDATION
+        trained_on, held_out = SMALL_TRAINING, SMALL_VALIDATION
         steps = SMALL_STEPS if steps is None else steps
     base = base_recipe("published", data=[hci], steps=steps)
     base = smaller(base) if small else base
-    places = places_of(hci, (*learnt, *held_out))
+    places = places_of(hci, (*trained_on, *held_out))
     shared = shared_masks(hci, places, masks, needed=not without_masks)
-    training = configured(base, places, learnt, minutes=minutes, seed=seed)
+    training = configured(base, places, trained_on, minutes=minutes, seed=seed)
     data, network = training.data, training.train.network
-    assert network.views is not None
     scenes = [
         with_mask(scene, shared.get(scene.name))
         for scene in load_scenes(data.folders, views=network.views)
@@ -116,87 +113,90 @@ def run(
         data={**asdict(data), "masked": sorted(scene.name for scene in scenes if scene.masked)},
     )
     if not trained.finished:
-        print(f"stopped after step {int(trained.state.step)}; start again to go on")
+        print(f"stopped after step {int(trained.state.step)}; run the command again to resume")
     if not (folder / BEST_FILE).is_file():
         print("not validated yet")
         return {}
     scores = score_best(folder / BEST_FILE, training, validation)
     text = table(scores)
-    with atomic_path(output / "scores.md") as path:
-        path.write_text(text + "\n", encoding="utf-8")
+    write_text(output / "scores.md", text)
     print(text)
     return scores
 
 
 def places_of(hci: Path, names: Sequence[str]) -> dict[str, Path]:
-    """Folders of scenes, all of which are there with ground truth.
+    """Return the folders of scenes, which must have ground truth.
 
     Args:
-        hci: Where the benchmark's archives were unpacked.
-        names: Of the scenes.
+        hci: Folder with the unpacked archives of the benchmark.
+        names: Names of the scenes.
 
     Raises:
-        InputError: Naming all scenes that are missing, or all without ground truth.
+        InputError: If scenes or their ground truth are missing, with all names.
     """
     places = every_scene(
         hci, names, "get the benchmark's archives 'additional', 'stratified' and 'training'"
     )
     blind = [name for name, place in places.items() if not (place / GROUND_TRUTH).is_file()]
     if blind:
-        raise InputError(f"{hci}: {GROUND_TRUTH} is missing of {', '.join(blind)}; unpack it again")
+        raise InputError(
+            f"{hci}: {GROUND_TRUTH} is missing in {', '.join(blind)}; unpack the archive again"
+        )
     return places
 
 
 def configured(
     base: Recipe,
     places: Mapping[str, Path],
-    learnt: Sequence[str],
+    trained_on: Sequence[str],
     *,
     minutes: float | None,
     seed: int,
 ) -> Recipe:
-    """The training of a recipe on some of these scenes."""
+    """Return the recipe with its scenes, time limit and seed."""
     return replace(
         base,
         train=replace(base.train, seed=seed),
-        data=replace(base.data, folders=tuple(places[name] for name in learnt), seed=seed),
+        data=replace(base.data, folders=tuple(places[name] for name in trained_on), seed=seed),
         run=replace(base.run, minutes=minutes),
     )
 
 
 def score_best(
-    weights: Path, training: Recipe, scenes: Sequence[Scene]
+    weights: Path, training: Recipe, scenes: Sequence[ValidationScene]
 ) -> dict[str, dict[str, float]]:
-    """Scores of weights on whole images and on averaged crops.
+    """Score weights on whole images and on averaged crops.
 
     Args:
-        weights: File of the training.
-        training: Which network it is, and the border to leave out.
-        scenes: With ground truth.
+        weights: File of weights.
+        training: Recipe with the network and the border to leave out.
+        scenes: Scenes with ground truth.
 
     Returns:
-        ``whole`` and ``crops``, each with the names that :func:`occjax.training.validate` gives.
+        Scores ``whole`` and ``crops``, each with the names of :func:`occjax.training.validate`.
     """
     config, border = training.train, training.run.validation_border
     variables, _ = load_weights(weights, config.network)
     whole = validate(variables, scenes, config, border=border)
 
-    def whole_image(sample: Sample) -> np.ndarray:
+    def whole_image(sample: LightFieldSample) -> np.ndarray:
         return np.asarray(predict(variables, sample, config))
 
     crops = score_scenes(lambda sample: averaged_crops(whole_image, sample), scenes, border=border)
     return {"whole": whole, "crops": crops}
 
 
-def averaged_crops(estimate: Callable[[Sample], np.ndarray], sample: Sample) -> np.ndarray:
-    """Disparity of nine overlapping crops of half the size, averaged where they overlap.
+def averaged_crops(
+    estimate: Callable[[LightFieldSample], np.ndarray], sample: LightFieldSample
+) -> np.ndarray:
+    """Return the disparity of nine crops of half the size, averaged where they overlap.
 
     Args:
-        estimate: Gives the disparity ``[h, w]`` of a sample.
-        sample: A whole light field, without a batch axis.
+        estimate: Function that returns the disparity ``[h, w]`` of a sample.
+        sample: Whole light field without batch axis.
 
     Returns:
-        ``[H, W]`` disparity.
+        ``[H, W]`` disparity, pixels per view step.
     """
     size = np.array(sample.disparity.shape)
     side = -(-size // 2)
@@ -212,10 +212,10 @@ def averaged_crops(estimate: Callable[[Sample], np.ndarray], sample: Sample) -> 
 
 
 def table(scores: Mapping[str, Scores]) -> str:
-    """Scores of every scene and their mean, as Markdown.
+    """Return the scores of every scene and their mean, as Markdown.
 
     Args:
-        scores: Of :func:`score_best`.
+        scores: Result of :func:`score_best`.
     """
     measures = {"badpix_0.07": "BadPix 0.07", "mse_x100": "MSE x100"}
     head = ["scene", *(f"{title}, {how}" for title in measures.values() for how in scores)]
@@ -230,7 +230,7 @@ def table(scores: Mapping[str, Scores]) -> str:
 
 
 def smaller(base: Recipe) -> Recipe:
-    """The same training of a network of 3x3 views and few channels, on two patches a step."""
+    """Return the recipe with a small network and two patches a step."""
     return replace(
         base,
         train=replace(base.train, network=small_form(base.train.network)),
@@ -240,16 +240,16 @@ def smaller(base: Recipe) -> Recipe:
 
 
 def write_small_scenes(hci: Path) -> None:
-    """Cut-outs of the bundled sample as scenes of the benchmark; a corner of kitchen is masked.
+    """Write parts of the bundled sample as benchmark scenes; a corner of kitchen is masked.
 
     Args:
-        hci: Folder for them.
+        hci: Folder for the scenes.
     """
     names = {f"additional/{name}": name for name in SMALL_TRAINING}
     names |= {f"training/{name}": name for name in SMALL_VALIDATION}
     whole = sample()
     for number, (place, name) in enumerate(names.items()):
-        scene = cut_out(whole, SMALL_SIZE, (SMALL_SIZE, number * SMALL_SIZE))
+        scene = cut_out(whole, SMALL_SIZE_PX, (SMALL_SIZE_PX, number * SMALL_SIZE_PX))
         folder = hci / place
         folder.mkdir(parents=True, exist_ok=True)
         for view, image in enumerate(scene.views.reshape(-1, *scene.views.shape[2:])):
@@ -257,8 +257,8 @@ def write_small_scenes(hci: Path) -> None:
         assert scene.ground_truth is not None
         write_pfm(folder / GROUND_TRUTH, scene.ground_truth)
         if name in REFLECTIVE:
-            mask = np.zeros((SMALL_SIZE, SMALL_SIZE, 4), np.uint8)
-            mask[: SMALL_SIZE // 8, : SMALL_SIZE // 8, 3] = 255
+            mask = np.zeros((SMALL_SIZE_PX, SMALL_SIZE_PX, 4), np.uint8)
+            mask[: SMALL_SIZE_PX // 8, : SMALL_SIZE_PX // 8, 3] = 255
             (hci / MASKS / name).mkdir(parents=True, exist_ok=True)
             imageio.imwrite(hci / MASKS / name / "input_Cam040_invalid_ver2.png", mask)
 

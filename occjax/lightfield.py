@@ -4,8 +4,8 @@ Conventions of the whole library (every other module refers to these):
 
 * ``views[v, u, y, x, c]``: ``v`` is the angular row, top to bottom; ``u`` the angular column, left
   to right; ``y`` and ``x`` the pixel row and column; ``c`` the colour channel.
-* The centre view, whose disparity is estimated, is ``v0 = V // 2``, ``u0 = U // 2``: the middle of
-  an odd grid, the view below and right of the middle of an even one.
+* The centre view, whose disparity is estimated, is ``v0 = V // 2``, ``u0 = U // 2``
+  (:func:`centre_index`).
 * Disparity ``d`` is in pixels per view step with the sign of the HCI 4D benchmark: what the centre
   view sees at ``(y, x)``, view ``(v, u)`` sees at ``(y - d * (v - v0), x - d * (u - u0))``. Rows
   move with ``v``, columns with ``u``; nearer points have larger disparity.
@@ -26,8 +26,67 @@ from occjax.errors import InputError
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the grey image (ITU-R BT.601)."""
 
-SMALLEST = 3
-"""Pixels that a view read from files has in each direction, at least."""
+MIN_VIEW_SIZE_PX = 3
+"""Smallest height and width, in pixels, of a view that is read from files."""
+
+
+def centre_index(grid: tuple[int, ...]) -> tuple[int, int]:
+    """Return the index ``(v0, u0)`` of the centre view of a grid.
+
+    Args:
+        grid: ``(V, U)``, number of view rows and view columns.
+
+    Returns:
+        ``(V // 2, U // 2)``: the middle of an odd grid, the view below and right of the middle of
+        an even one.
+
+    Example:
+        >>> centre_index((9, 4))
+        (4, 2)
+    """
+    v, u = grid
+    return v // 2, u // 2
+
+
+def view_offsets(v: int, u: int) -> np.ndarray:
+    """Return the offset of each view of a regular grid from the centre view.
+
+    Swapping the last axis gives the transposed warp of the published OccCasNet code.
+
+    Args:
+        v: Number of view rows.
+        u: Number of view columns.
+
+    Returns:
+        ``[v, u, 2]`` float32 offsets ``(row, column)``, in view steps.
+
+    Example:
+        >>> view_offsets(3, 3)[0, 2].tolist()
+        [-1.0, 1.0]
+    """
+    indices = np.stack(np.meshgrid(np.arange(v), np.arange(u), indexing="ij"), axis=-1)
+    return (indices - np.array(centre_index((v, u)))).astype(np.float32)
+
+
+def project(y: Any, x: Any, disparity: Any, offset: Any) -> tuple[Any, Any]:
+    """Project points of the centre view into another view.
+
+    ``(y - d * offset[0], x - d * offset[1])``: the sign convention of this library.
+
+    Args:
+        y: Rows in the centre view, in pixels; NumPy or JAX array of any shape.
+        x: Columns in the centre view, in pixels.
+        disparity: Disparity of each point, in pixels per view step.
+        offset: ``[2]`` offset ``(row, column)`` of the other view, in view steps.
+
+    Returns:
+        Rows and columns in the other view, in pixels.
+
+    Example:
+        >>> project(10.0, 20.0, 0.5, (-4.0, 2.0))
+        (12.0, 19.0)
+    """
+    return y - disparity * offset[0], x - disparity * offset[1]
 
 
 @dataclass(frozen=True)
@@ -121,6 +180,8 @@ class LightField:
             grid, in steps of the mean spacing, relative to the centre view; None for a regular
             grid.
         source: Where the light field was read from.
+        layout_report: Measurement of the layout and the disparity range of these views, if it was
+            made. Set it to None when you replace the views.
     """
 
     views: np.ndarray
@@ -130,6 +191,7 @@ class LightField:
     ground_truth: np.ndarray | None = None
     positions: np.ndarray | None = None
     source: Path | None = None
+    layout_report: Any = None
 
     def __post_init__(self) -> None:
         """Check what every other function relies on."""
@@ -178,7 +240,7 @@ class LightField:
     @property
     def centre(self) -> np.ndarray:
         """``[H, W, C]`` centre view, as stored."""
-        return self.views[self.grid[0] // 2, self.grid[1] // 2]
+        return self.views[centre_index(self.grid)]
 
     def floating(self) -> np.ndarray:
         """``[V, U, H, W, C]`` float32 views in [0, 1]."""
@@ -200,10 +262,12 @@ class LightField:
         v, u = self.grid
         if rows > v or columns > u:
             raise InputError(f"{self.name}: has {v}x{u} views, {rows}x{columns} are needed")
-        top, left = v // 2 - rows // 2, u // 2 - columns // 2
+        top, left = np.subtract(centre_index(self.grid), centre_index((rows, columns)))
         inner = np.s_[top : top + rows, left : left + columns]
         positions = None if self.positions is None else self.positions[inner]
-        return dataclasses.replace(self, views=self.views[inner], positions=positions)
+        return dataclasses.replace(
+            self, views=self.views[inner], positions=positions, layout_report=None
+        )
 
 
 def to_unit_float(images: np.ndarray) -> np.ndarray:

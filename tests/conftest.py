@@ -1,10 +1,11 @@
-"""Strict JAX for every test, and the one table of tolerances."""
+"""Strict JAX for every test, the table of tolerances, and fixtures that all tests share."""
 
 import os
+import shutil
 import sys
+import tempfile
 
-# Most of the time goes into compilation: machine code of the same programs, not optimised, takes
-# half of it for the light network.
+# Compilation takes most of the time of the tests; without optimisation it takes half as long.
 os.environ.setdefault(
     "XLA_FLAGS", "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
 )
@@ -26,7 +27,32 @@ TOLERANCE = {
     "float64": {"rtol": 1e-10, "atol": 1e-10},
     "float32": {"rtol": 1e-5, "atol": 1e-5},
     "bfloat16": {"rtol": 3e-2, "atol": 3e-2},
+    # Central differences in float64 with a step of 1e-6: rounding of values near one.
+    "finite difference": {"rtol": 1e-6, "atol": 1e-7},
 }
+"""Arguments of ``np.testing.assert_allclose``, by type of the computation."""
+
+XLA_CACHE = "OCCJAX_TEST_XLA_CACHE"
+"""Environment variable with the folder in which all processes of a test run share programs."""
+
+
+def pytest_configure(config):
+    """Share compiled programs within one test run, between its processes and files.
+
+    The first process makes the folder and removes it at its end, when the other processes have
+    ended: JAX must not write to a folder that does not exist any more.
+    """
+    if XLA_CACHE not in os.environ:
+        os.environ[XLA_CACHE] = folder = tempfile.mkdtemp(prefix="occjax-tests-xla-")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+        config.add_cleanup(lambda: os.environ.pop(XLA_CACHE, None))
+    jax.config.update("jax_compilation_cache_dir", os.environ[XLA_CACHE])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def pytest_runtest_setup(item):
+    if item.get_closest_marker("gpu") and jax.default_backend() != "gpu":
+        pytest.skip("needs a GPU: set JAX_PLATFORMS=cuda")
 
 
 @pytest.fixture
@@ -44,47 +70,47 @@ def x64():
 
 @pytest.fixture
 def unchecked():
-    """As for users, who have no run-time check of annotations."""
+    """No run-time check of annotations, as for users."""
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
-@pytest.fixture(params=["cpu", "elsewhere"])
+@pytest.fixture(params=["cpu", "default"])
 def platform(request, monkeypatch):
-    """The programs of a CPU, and those of other platforms, which a CPU can run as well.
+    """Run the test with the programs for a CPU and with those for other platforms, on the CPU.
 
-    What is jitted within the test is compiled for either.
+    Applies to functions that are jitted within the test.
     """
-    if request.param == "elsewhere":
+    if request.param == "default":
         monkeypatch.setattr(
             jax.lax, "platform_dependent", lambda *arguments, default, **_: default(*arguments)
         )
         jax.clear_caches()
     yield request.param
-    if request.param == "elsewhere":
+    if request.param == "default":
         jax.clear_caches()
 
 
 @pytest.fixture(scope="session")
 def shared():
-    """Folder of real light fields and reference activations, for tests that can use them."""
+    """Folder of real light fields and reference activations; skips the test if there is none."""
     folder = Path(__file__).resolve().parents[2] / "shared"
     if not folder.is_dir():
-        pytest.skip("the folder of shared reference data is not beside this checkout")
+        pytest.skip("there is no folder of shared reference data next to this checkout")
     return folder
 
 
 @pytest.fixture(scope="session")
 def cache(tmp_path_factory):
-    """The user's cache folder; one for all tests, since filling it is most of their time."""
+    """The user's cache folder, the same for all tests: filling it takes most of their time."""
     return tmp_path_factory.mktemp("cache")
 
 
 @pytest.fixture
 def occjax_command(monkeypatch, capsys, cache):
     """Run ``occjax ARGUMENTS``; returns exit code, standard output and standard error."""
-    from occjax import cli  # not before the types of all arguments are checked
+    from occjax import cli  # after pytest has installed the check of annotations
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     options = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
@@ -100,5 +126,5 @@ def occjax_command(monkeypatch, capsys, cache):
     yield command
     for option, value in zip(options, before, strict=True):
         jax.config.update(option, value)
-    # JAX asks once whether there is a cache: all later tests would write to it as well.
+    # JAX opens a cache once per process: without this, all later tests would use the user's.
     compilation_cache.reset_cache()

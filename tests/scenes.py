@@ -1,4 +1,4 @@
-"""Light fields in closed form, for tests of what stands on everything else."""
+"""Light fields with known disparity and images with known noise."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,11 +14,11 @@ def plane(
     seed=0,
     **fields,
 ) -> LightField:
-    """A textured plane: the centre view's disparity is ``disparity + slope . (y, x)``.
+    """Return a textured plane: the centre view's disparity is ``disparity + slope . (y, x)``.
 
-    The point that the centre view sees at (Y, X) is seen by view (v, u) at (Y - d v, X - d u), d
-    its disparity; with d linear in (Y, X) that is solved for (Y, X) in closed form. The texture is
-    a sum of sines, sampled exactly.
+    View (v, u) sees the point (Y, X) of the centre view at (Y - d v, X - d u), where d is its
+    disparity. Since d is linear in (Y, X), this is solved for (Y, X) in closed form. The texture is
+    a sum of sines, evaluated without interpolation.
     """
     generator = np.random.default_rng(seed)
     frequency = generator.uniform(-1.3, 1.3, (24, 2))
@@ -37,7 +37,7 @@ def plane(
 
 
 def noisy_waves(deviation, disparity=0.25, *, views=3, size=64, amplitude=0.2):
-    """``[views, views, size, size]`` grey: smooth waves at one disparity, under normal noise."""
+    """Return ``[views, views, size, size]`` grey waves at one disparity with normal noise."""
     y, x = np.mgrid[:size, :size].astype(float)
     generator = np.random.default_rng(0)
     images = np.empty((views, views, size, size), np.float32)
@@ -47,3 +47,17 @@ def noisy_waves(deviation, disparity=0.25, *, views=3, size=64, amplitude=0.2):
         waves = np.sin(0.3 * scene_x + 0.1 * scene_y) + np.sin(0.25 * scene_y)
         images[row, column] = 0.5 + amplitude * waves + generator.normal(0, deviation, y.shape)
     return jnp.asarray(images)
+
+
+def correlated_noise(shape, down, right):
+    """Return noise ``[..., h, w]`` and its correlation ``(along a column, along a row)``.
+
+    To independent noise of standard deviation 0.01, the fractions ``down`` and ``right`` of the
+    pixels above and to the left are added.
+    """
+    *n, h, w = shape
+    draws = np.random.default_rng(0).normal(0, 0.01, (*n, h + 1, w + 1))
+    draws = draws[..., 1:, :] + down * draws[..., :-1, :]
+    draws = draws[..., 1:] + right * draws[..., :-1]
+    # The correlation of n_k + a n_(k - 1) is a / (1 + a^2).
+    return draws.astype(np.float32), [down / (1 + down**2), right / (1 + right**2)]

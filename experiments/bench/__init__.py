@@ -1,1 +1,1 @@
-"""The published network's speed and memory beside the same network in other frameworks."""
+"""Speed and memory of the published network, compared with other frameworks."""

@@ -1,32 +1,32 @@
-"""Time and memory of the published network: occjax beside TensorFlow and PyTorch on this machine.
+"""Time and memory of the published network in occjax, TensorFlow and PyTorch on this machine.
 
     python -m experiments.bench --output experiments/bench
     python -m experiments.bench --peer-python PYTHON --sizes 64 --repeats 5
     python -m experiments.bench --train --peer-python PYTHON          (steps of training)
-    python -m experiments.bench --device gpu --output FOLDER          (bfloat16, light network too)
+    python -m experiments.bench --device gpu --output FOLDER          (bfloat16, both networks)
     python -m experiments.bench --device gpu --train --output FOLDER
     python -m experiments.bench --curves --output experiments/bench
-    python -m experiments.bench --small --peers                       (a minute, for the test)
+    python -m experiments.bench --small --peers                       (a minute)
 
-Cost: on two cores half an hour, ``--train`` and the curves less; on a GPU minutes, most of them
-to compile. Expected: occjax takes no longer than the fastest peer. On an H100 in bfloat16:
-inference of 256 pixels 40 ms and of 512 pixels 170 ms at most, half of the matrix product's speed
-and no more than 8 GB; the light network 10 ms at 512 pixels; a step of training 45 % of the
-product's speed. What an H200 needed is in docs/performance.md. ``benchmark.md`` and
-``benchmark.json``, with ``--train`` ``training.md`` and ``training.json`` (``curves.json``,
-``curves.png``) are written to the output folder.
+Cost: half an hour on two cores, less with ``--train`` or ``--curves``; minutes on a GPU, mostly for
+compilation. Expected: occjax is not slower than the fastest peer. On an H100 in bfloat16, at most
+40 ms for inference of 256 pixels, 170 ms and 8 GB for 512 pixels, and 10 ms for the proposal
+network at 512 pixels; half of the matrix product's speed for inference, 45 % for a training step.
+Measurements on an H200 are in docs/performance.md. The output folder gets ``benchmark.md`` and
+``benchmark.json``, with ``--train`` ``training.md`` and ``training.json``, with ``--curves``
+``curves.json`` and ``curves.png``.
 
-The peers are the same network with the same weights, written for this comparison in
-``experiments/bench/peers``. They need PyTorch and TensorFlow (extra ``bench``), which may be
-installed elsewhere: ``--peer-python`` is the interpreter of such an environment; it needs nothing
-else. Each candidate has a process of its own, and they take turns, so that other work on the
-machine slows all alike: a ratio of two means more than either. None is timed before its answer
-agrees. Inputs and weights lie where they are computed with before the clock starts, and it stops
-when the answer is there, not copied back.
+The peers in ``experiments/bench/peers`` are the same network with the same weights in PyTorch and
+TensorFlow (extra ``bench``). These may be installed in another environment, whose interpreter is
+``--peer-python``; it needs no other package. Each candidate runs in its own process, and the
+candidates take turns, so that other load on the machine affects all of them equally: ratios are
+more reliable than times. A candidate is timed only after its answer agrees with the reference.
+Inputs and weights are on the device before the clock starts; the clock stops when the answer is
+computed, before it is copied to the host.
 
-Operations per second are those of the network as published, though occjax does fewer of them; a
-step of training has three times those of inference. The share is of a matrix product of 4096x4096,
-on a GPU of 8192x8192, in the same precision, which takes turns too.
+Operations per second refer to the network as published, although occjax computes fewer; a training
+step counts three times the operations of inference. The percentage is relative to the product of
+two 4096x4096 matrices (8192x8192 on a GPU) in the same precision, which takes turns too.
 """
 
 from __future__ import annotations
@@ -42,42 +42,42 @@ import jax
 import numpy as np
 import tyro
 
-from experiments.bench import curves as curve
+from experiments.bench import curves as curves_module
 from experiments.bench.candidates import (
-    BAD,
+    BAD_PIXEL_THRESHOLD,
     PEERS,
     PRODUCT,
     Device,
-    for_inference,
-    for_training,
-    of_sample,
-    of_step,
+    compare_steps,
+    inference_candidates,
+    sample_candidates,
+    training_candidates,
 )
 from experiments.bench.exchange import inference_problem, training_problem
 from experiments.bench.processes import Timing, check_device, take_turns
-from experiments.command_line import main
-from experiments.cut_outs import cut_out
+from experiments.command_line import Small, announce_smoke_test, main
+from experiments.cut_outs import small_sample
 from experiments.markdown import markdown_table
-from experiments.networks import SCORES, small_form
-from occjax.data.sample import sample
+from experiments.networks import SCORE_SCALE, small_form
+from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
+from occjax.estimators.factory import Precision
 from occjax.evaluation import bad_pix
 from occjax.models import preset
-from occjax.training.config import Precision
 
 
 def table(timings: Sequence[Timing]) -> str:
-    """Timings as a Markdown table, those of one size one after the other; no blank columns."""
-    measures = dict.fromkeys(measure for timing in timings for measure in timing.apart)
+    """Return the timings as a Markdown table, without blank columns."""
+    measures = dict.fromkeys(measure for timing in timings for measure in timing.differences)
     head = [
         *("pixels", "candidate", "seconds", "from", "to", "to the fastest peer's", "first call"),
         *("peak memory", "GFLOP/s", "of the product's", *measures),
     ]
     rows = []
     for timing in timings:
-        beside = {each.name: each for each in timings if each.size == timing.size}
-        fastest = min((beside[name].typical for name in PEERS if name in beside), default=None)
-        product = beside[PRODUCT]
+        same_size = {each.name: each for each in timings if each.size == timing.size}
+        fastest = min((same_size[p].typical for p in PEERS if p in same_size), default=None)
+        product = same_size[PRODUCT]
         counted = timing.flops is not None
         speed = (timing.flops or 0.0) / timing.typical
         share = speed / ((product.flops or 0.0) / product.typical)
@@ -92,7 +92,10 @@ def table(timings: Sequence[Timing]) -> str:
                 f"{timing.memory / 1e9:.2f} GB",
                 f"{speed / 1e9:.3g}" if counted else "",
                 f"{100 * share:.0f} %" if counted else "",
-                *(f"{timing.apart[each]:.2g}" if timing.apart else "" for each in measures),
+                *(
+                    f"{timing.differences[each]:.2g}" if timing.differences else ""
+                    for each in measures
+                ),
             ]
         )
     known = [any(column) for column in zip(*rows, strict=True)]
@@ -101,25 +104,27 @@ def table(timings: Sequence[Timing]) -> str:
 
 
 def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list[Timing]]:
-    """What the light network loses to a precision on the bundled sample, in a sentence."""
-    truth = cut_out(sample(), side).ground_truth
+    """Measure the effect of a precision on the proposal network's BadPix of the sample."""
+    truth = small_sample(side).ground_truth
 
     def bad_pixels(answer: np.ndarray, reference: np.ndarray) -> dict[str, float]:
-        scores = {"float32": bad_pix(reference, truth, BAD), precision: bad_pix(answer, truth, BAD)}
+        scores = {"float32": bad_pix(reference, truth, BAD_PIXEL_THRESHOLD)}
+        scores[precision] = bad_pix(answer, truth, BAD_PIXEL_THRESHOLD)
         change = scores[precision] - scores["float32"]
-        apart = float(np.abs(answer - reference).max())
-        return {"change": change, "largest difference": apart, **scores}
+        largest = float(np.abs(answer - reference).max())
+        return {"change": change, "largest difference": largest, **scores}
 
     timings = take_turns(
         inference_problem(small_form(preset("occcasnet")), 16),
-        of_sample(precision, side),
+        sample_candidates(precision, side),
         repeats=1,
         device=device,
         compare=bad_pixels,
     )
-    scores = timings[-1].apart
+    scores = timings[-1].differences
     return (
-        f"BadPix {BAD} of the light network on {side}x{side} pixels of the bundled sample: "
+        f"BadPix {BAD_PIXEL_THRESHOLD} of the proposal network on {side}x{side} pixels of the "
+        "bundled sample: "
         f"{scores['float32']:.2f} % in float32, {scores[precision]:.2f} % in {precision}."
     ), timings
 
@@ -128,26 +133,23 @@ def run(
     sizes: Annotated[
         tuple[int, ...] | None,
         tyro.conf.arg(
-            help="Heights and widths of the views, pixels; by default 64 and 128, on a GPU 256 and "
-            "512, for training 32."
+            help="Heights and widths of the views, in pixels; by default 64 and 128, on a GPU 256 "
+            "and 512, for training 32."
         ),
     ] = None,
-    device: Annotated[Device, tyro.conf.arg(help="Where to compute.")] = "cpu",
+    device: Annotated[Device, tyro.conf.arg(help="Device of all candidates.")] = "cpu",
     precision: Annotated[
         Precision | None,
-        tyro.conf.arg(help="Of the convolutions; by default float32, on a GPU bfloat16."),
+        tyro.conf.arg(help="Number type of convolutions; by default float32, on a GPU bfloat16."),
     ] = None,
-    train: Annotated[
-        bool, tyro.conf.arg(help="Time steps of training in place of inference.")
-    ] = False,
+    train: Annotated[bool, tyro.conf.arg(help="Time training steps instead of inference.")] = False,
     batch: Annotated[
-        int | None,
-        tyro.conf.arg(help="Patches of a step of training; by default 1, on a GPU 32."),
+        int | None, tyro.conf.arg(help="Patches of a training step; by default 1, on a GPU 32.")
     ] = None,
     peers: Annotated[
         tuple[str, ...] | None,
         tyro.conf.arg(
-            help=f"Which of {', '.join(PEERS)}; by default all that compute in the precision."
+            help=f"Some of {', '.join(PEERS)}; by default all that support the precision."
         ),
     ] = None,
     peer_python: Annotated[
@@ -156,17 +158,15 @@ def run(
     repeats: Annotated[int, tyro.conf.arg(help="Turns after the first run, which compiles.")] = 5,
     calls: Annotated[
         int | None,
-        tyro.conf.arg(help="Runs in a turn, whose median counts; by default 1, on a GPU 10."),
+        tyro.conf.arg(help="Runs in a turn; the median counts. By default 1, on a GPU 10."),
     ] = None,
     curves: Annotated[
-        bool, tyro.conf.arg(help="Instead, occjax alone by pixels, candidates and views.")
+        bool, tyro.conf.arg(help="Time only occjax, by pixels, candidates and views.")
     ] = False,
     output: Annotated[
         Path | None, tyro.conf.arg(aliases=["-o"], help="Folder for table, numbers and picture.")
     ] = None,
-    small: Annotated[
-        bool, tyro.conf.arg(help="A network of 3x3 views and few channels at 16 pixels, one turn.")
-    ] = False,
+    small: Small = False,
 ) -> list[Timing]:
     """Time all candidates, print the table and return the timings."""
     on_gpu = device == "gpu"
@@ -177,34 +177,38 @@ def run(
     if peers is None:
         peers = tuple(name for name in PEERS if precision == "float32" or "torch" in name)
     if small:
+        announce_smoke_test()
         sizes, repeats, batch = (16,), 1, 2
     if min(repeats, calls, batch) < 1 or min(sizes) < 2:
         raise InputError("--repeats, --calls and --batch must be 1 or more and --sizes 2 or more")
     for peer in peers:
         if peer not in PEERS:
-            raise InputError(f"--peers: there is no {peer}; there are {', '.join(PEERS)}")
+            raise InputError(f"--peers: {peer} is unknown; choose from {', '.join(PEERS)}")
     check_device(device)
     if output is not None:
         output.mkdir(parents=True, exist_ok=True)
     if curves:
-        return curve.run(output, small=small)
+        return curves_module.run(output, small=small)
     config = preset("occcasnet")
     config = small_form(config) if small else config
     how = {"repeats": repeats, "calls": calls, "device": device, "peer_python": peer_python}
     timings = []
     for size in sizes:
         if train:
-            candidates = for_training(config, size, batch, device, precision, peers)
+            candidates = training_candidates(config, size, batch, device, precision, peers)
             problem = training_problem(config, size, batch)
-            timings += take_turns(problem, candidates, compare=of_step, **how)
+            timings += take_turns(problem, candidates, compare=compare_steps, **how)
         else:
-            candidates = for_inference(config, size, device, precision, peers)
-            problem = inference_problem(config, size, scores=1000 * SCORES if small else SCORES)
+            candidates = inference_candidates(config, size, device, precision, peers)
+            problem = inference_problem(
+                config, size, score_scale=(1000 if small else 1) * SCORE_SCALE
+            )
             timings += take_turns(problem, candidates, **how)
     text = table(timings)
     if precision != "float32" and not train:
-        sentence, lost = accuracy(precision, device, 64 if small else max(sample().image_size))
-        text, timings = f"{text}\n\n{sentence}", timings + lost
+        side = 64 if small else max(sample().image_size)
+        sentence, changed = accuracy(precision, device, side)
+        text, timings = f"{text}\n\n{sentence}", timings + changed
     print(text)
     if output is not None:
         name = "training" if train else "benchmark"

@@ -1,4 +1,4 @@
-"""Who takes part in the benchmark, and whose answer each must agree with before it is timed."""
+"""Candidates of the benchmark, each with the reference that its answer must agree with."""
 
 from __future__ import annotations
 
@@ -9,45 +9,45 @@ from typing import Any, Literal
 import numpy as np
 
 from experiments.bench import matrix_product
+from experiments.flops import count_flops
 from occjax.errors import InputError
-from occjax.models import NetworkConfig
-from occjax.models.work import count_flops
-from occjax.training.config import Precision
+from occjax.estimators.factory import Precision
+from occjax.models import OccCasNetConfig
 
 Device = Literal["cpu", "gpu"]
 
 PRODUCT = "matrix product"
 PEERS = ("torch", "torch compiled", "tensorflow", "tensorflow eager")
-RATE = 1e-3
-"""Of learning, the published one."""
+LEARNING_RATE = 1e-3
+"""Learning rate of the published training."""
 
-BAD = 0.01
-"""Change of disparity above which a pixel counts, that of the strictest BadPix."""
+BAD_PIXEL_THRESHOLD = 0.01
+"""Error above which a pixel is bad, the strictest threshold of the HCI benchmark."""
 
 Comparison = Callable[[np.ndarray, np.ndarray], Mapping[str, float]]
-"""How far an answer is from another, by the name of the measure."""
+"""Function that returns the differences of two answers by the name of the measure."""
 
 
-EQUAL = {"median difference": 1e-5, "largest difference": 1e-4}
-"""Bounds of disparities that differ by the rounding of float32 alone."""
+FLOAT32_BOUNDS = {"median difference": 1e-5, "largest difference": 1e-4}
+"""Bounds of disparity differences caused by float32 rounding, pixels per view step."""
 
-ALIKE = {"median difference": 0.05}
-"""Bounds of disparities in another precision."""
+LOW_PRECISION_BOUNDS = {"median difference": 0.05}
+"""Bounds of disparity differences caused by a lower precision, pixels per view step."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A program that is timed.
+    """Program to time.
 
     Attributes:
-        name: What the table calls it.
-        module: Where it is built, in :mod:`experiments.bench`.
-        function: That builds it.
+        name: Name in the table.
+        module: Module in :mod:`experiments.bench` that builds the program.
+        function: Function that builds the program.
         options: Keyword arguments of the function.
-        flops: Operations of a run as published, whatever are done; None where nobody counts them.
-        peer: Whether it needs another framework.
-        reference: Name of the candidate with whose answer its own must agree.
-        bounds: Of measures of the difference, by name.
+        flops: Operations of a run as published, independent of the implementation; None if unknown.
+        peer: Whether the program needs another framework.
+        reference: Name of the candidate whose answer the program must agree with.
+        bounds: Maximum differences from the reference, by measure.
     """
 
     name: str
@@ -60,108 +60,115 @@ class Candidate:
     bounds: Mapping[str, float] = field(default_factory=dict)
 
 
-def of_disparity(answer: np.ndarray, reference: np.ndarray) -> Mapping[str, float]:
-    """How far disparities ``[h, w]`` are apart, in pixels per view step."""
-    apart = np.abs(answer - reference)
+def compare_disparities(answer: np.ndarray, reference: np.ndarray) -> Mapping[str, float]:
+    """Return differences of ``[h, w]`` disparities, in pixels per view step."""
+    difference = np.abs(answer - reference)
     return {
-        "median difference": float(np.median(apart)),
-        "largest difference": float(apart.max()),
-        f"above {BAD}, %": 100 * float(np.mean(apart > BAD)),
+        "median difference": float(np.median(difference)),
+        "largest difference": float(difference.max()),
+        f"above {BAD_PIXEL_THRESHOLD}, %": 100 * float(np.mean(difference > BAD_PIXEL_THRESHOLD)),
     }
 
 
-def of_step(answer: np.ndarray, reference: np.ndarray) -> Mapping[str, float]:
-    """How far loss and norm of the gradient ``[2]`` are apart, relative to the reference."""
+def compare_steps(answer: np.ndarray, reference: np.ndarray) -> Mapping[str, float]:
+    """Return relative differences of ``[2]`` loss and gradient norm."""
     loss, norm = np.abs(answer - reference) / np.abs(reference)
-    return {"gradient norm apart": float(norm), "loss apart": float(loss)}
+    return {"gradient norm difference": float(norm), "loss difference": float(loss)}
 
 
-def product(device: Device, precision: Precision) -> Candidate:
-    """The matrix product that a network's speed is measured against."""
+def matrix_product_candidate(device: Device, precision: Precision) -> Candidate:
+    """Return the matrix product whose speed is the upper limit of a network's speed."""
     side = 8192 if device == "gpu" else 4096
     options = {"side": side, "precision": precision}
     return Candidate(PRODUCT, "matrix_product", "build", options, matrix_product.flops(side))
 
 
-def for_inference(
-    config: NetworkConfig, size: int, device: Device, precision: Precision, peers: Sequence[str]
+def inference_candidates(
+    config: OccCasNetConfig, size: int, device: Device, precision: Precision, peers: Sequence[str]
 ) -> tuple[Candidate, ...]:
-    """The matrix product, the reference, the peers and occjax.
+    """Return the matrix product, the reference, the peers and occjax.
 
-    In float32 the reference is the network as it is written; in bfloat16 it is the inference of
-    occjax in float32, whose memory does not grow with the image, and the light network takes part
-    in both.
+    In float32 the reference is the network with materialised volumes. In bfloat16 it is occjax in
+    float32, whose memory does not grow with the image, and the proposal network takes part in both
+    precisions.
 
     Args:
         config: The network.
         size: Height and width of the views, in pixels.
-        device: Where it runs.
-        precision: Of the convolutions.
+        device: Device of all candidates.
+        precision: Number type of convolutions.
         peers: Some of :data:`PEERS`.
 
     Raises:
-        InputError: If a peer does not compute in this precision.
+        InputError: If a peer does not support the precision.
     """
     flops = count_flops(config, (size, size))
     if precision == "float32":
-        written = Candidate("written", "ours", "build_written", flops=flops)
-        against = {"flops": flops, "reference": written.name, "bounds": EQUAL}
+        written = Candidate("materialised", "ours", "build_materialised", flops=flops)
+        against = {"flops": flops, "reference": written.name, "bounds": FLOAT32_BOUNDS}
         ours = Candidate("occjax", "ours", "build", **against)
         others = _peers("build", peers, device, precision, against)
-        return (product(device, precision), written, *others, ours)
+        return (matrix_product_candidate(device, precision), written, *others, ours)
     options = {"precision": precision}
     full = Candidate("occjax float32", "ours", "build", flops=flops)
-    against = {"flops": flops, "reference": full.name, "bounds": ALIKE}
-    light = Candidate("light float32", "ours", "build_light")
+    against = {"flops": flops, "reference": full.name, "bounds": LOW_PRECISION_BOUNDS}
+    proposal = Candidate("proposal float32", "ours", "build_proposal")
     return (
-        product(device, precision),
+        matrix_product_candidate(device, precision),
         full,
         *_peers("build", peers, device, precision, against),
         Candidate("occjax", "ours", "build", options, **against),
-        light,
-        Candidate("light", "ours", "build_light", options, reference=light.name, bounds=ALIKE),
+        proposal,
+        Candidate(
+            "proposal",
+            "ours",
+            "build_proposal",
+            options,
+            reference=proposal.name,
+            bounds=LOW_PRECISION_BOUNDS,
+        ),
     )
 
 
-def for_training(
-    config: NetworkConfig,
+def training_candidates(
+    config: OccCasNetConfig,
     size: int,
     batch: int,
     device: Device,
     precision: Precision,
     peers: Sequence[str],
 ) -> tuple[Candidate, ...]:
-    """The matrix product, occjax and the peers, each with a step of Adam.
+    """Return the matrix product, occjax and the peers, each with a step of Adam.
 
-    A step counts as three times the operations of inference: the backward pass has two products
-    for each of the forward pass.
+    A step counts three times the operations of inference, because the backward pass has two
+    products for each product of the forward pass.
 
     Args:
         config: The network.
         size: Height and width of the patches, in pixels.
-        batch: Their number.
-        device: Where it runs.
-        precision: Of the convolutions.
+        batch: Number of patches.
+        device: Device of all candidates.
+        precision: Number type of convolutions.
         peers: Some of :data:`PEERS`.
 
     Raises:
-        InputError: If a peer does not compute in this precision.
+        InputError: If a peer does not support the precision.
     """
     flops = 3 * batch * count_flops(config, (size, size))
-    options = {"precision": precision, "rate": RATE}
+    options = {"precision": precision, "rate": LEARNING_RATE}
     ours = Candidate("occjax", "ours", "train", options, flops)
     bound = 1e-2 if precision == "float32" else 0.1
-    bounds = {"gradient norm apart": bound, "loss apart": bound / 10}
+    bounds = {"gradient norm difference": bound, "loss difference": bound / 10}
     against = {"flops": flops, "reference": ours.name, "bounds": bounds}
     return (
-        product(device, precision),
-        *_peers("train", peers, device, precision, against, rate=RATE),
+        matrix_product_candidate(device, precision),
+        *_peers("train", peers, device, precision, against, rate=LEARNING_RATE),
         ours,
     )
 
 
-def of_sample(precision: Precision, side: int) -> tuple[Candidate, Candidate]:
-    """The light network on the middle of the bundled sample, in float32 and in a precision."""
+def sample_candidates(precision: Precision, side: int) -> tuple[Candidate, Candidate]:
+    """Return the proposal network on the sample's centre, in float32 and in another precision."""
     full = Candidate("sample float32", "ours", "build_sample", {"side": side})
     options = {"side": side, "precision": precision}
     name = f"sample {precision}"

@@ -1,4 +1,4 @@
-"""What occjax takes by the size of the image, the number of candidates and the number of views."""
+"""Time and memory of occjax by image size, number of candidates and number of views."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from experiments.bench.candidates import Candidate
 from experiments.bench.exchange import inference_problem
 from experiments.bench.processes import Timing, take_turns
 from experiments.networks import small_form
-from occjax.models import NetworkConfig, preset
+from occjax.models import OccCasNetConfig, preset
 
 SIZES = (64, 128, 256, 512)
 CANDIDATES = (9, 17, 33, 81)
 SIDES = (5, 7, 9)
-SIZE = 64
-"""Pixels where candidates and views vary."""
+FIXED_SIZE_PX = 64
+"""Height and width of the views for varying candidates and views."""
 
 Curve = Mapping[int, Timing]
-"""Timings by what varies."""
+"""Timings by the varied quantity."""
 
 
-def with_candidates(config: NetworkConfig, number: int) -> NetworkConfig:
-    """The network with so many candidates in its first stage, over the same range."""
+def with_candidates(config: OccCasNetConfig, number: int) -> OccCasNetConfig:
+    """Return the network with a number of candidates in its first stage, over the same range."""
     first, *others = config.stages
     ends = first.candidates[0], first.candidates[-1]
     first = dataclasses.replace(first, candidates=tuple(np.linspace(*ends, number)))
@@ -35,18 +35,18 @@ def with_candidates(config: NetworkConfig, number: int) -> NetworkConfig:
 
 
 def run(output: Path | None, *, small: bool = False) -> list[Timing]:
-    """Time occjax, write numbers and picture if there is a folder for them; return all timings."""
+    """Time occjax, write numbers and figure to the folder if there is one, return all timings."""
     config = preset("occcasnet")
     sizes, numbers, sides = SIZES, CANDIDATES, SIDES
     if small:
         config, sizes, numbers, sides = small_form(config), (8, 16), (2, 3), (3, 5)
 
-    def timed(config: NetworkConfig, size: int) -> Timing:
+    def timed(config: OccCasNetConfig, size: int) -> Timing:
         candidates = (Candidate("occjax", "ours", "build"),)
         (timing,) = take_turns(inference_problem(config, size), candidates, repeats=1)
         return timing
 
-    size = 8 if small else SIZE
+    size = 8 if small else FIXED_SIZE_PX
     curves: dict[str, Curve] = {
         "height and width, pixels": {size: timed(config, size) for size in sizes},
         "candidates of the first stage": {
@@ -71,7 +71,7 @@ def run(output: Path | None, *, small: bool = False) -> list[Timing]:
 
 
 def draw(curves: Mapping[str, Curve], path: Path) -> None:
-    """One panel for each thing that varies: seconds on the left, memory on the right."""
+    """Draw one panel for each varied quantity, with seconds on the left and memory on the right."""
     figure, panels = plt.subplots(1, len(curves), figsize=(12, 3.6), layout="constrained")
     for panel, (name, curve) in zip(panels, curves.items(), strict=True):
         values = list(curve)

@@ -1,4 +1,4 @@
-"""Networks of occjax as the peers take them."""
+"""Conversion of networks and data between occjax and the peers."""
 
 from __future__ import annotations
 
@@ -6,38 +6,34 @@ import jax
 import numpy as np
 
 from experiments.bench.peers.description import Network, Problem, Stage, Variables
-from experiments.networks import SCORES, random_light_field
+from experiments.networks import SCORE_SCALE, random_light_field
 from occjax.errors import InputError
-from occjax.models import NetworkConfig
-from occjax.models.config import FeatureConfig, Residual, StageConfig, of_kind
+from occjax.models import AggregationConfig, FeatureConfig, OccCasNetConfig, StageConfig
 
 
-def describe(config: NetworkConfig) -> Network:
-    """A network as the peers know it.
+def describe(config: OccCasNetConfig) -> Network:
+    """Return the description of a network for the peers.
 
     Args:
-        config: A cascade as published: its stages have attention and weights of their own.
+        config: A cascade whose stages have attention and their own weights, as published.
 
     Raises:
-        InputError: If it is another one.
+        InputError: If the network is another one.
     """
     stages = config.stages
     plain = (
-        config.views is not None
-        and config.warp == "correct"
+        config.warp == "correct"
         and not config.shared_aggregation
         and all(stage.attention and stage.occlusion != "ground_truth" for stage in stages)
-        and all(isinstance(stage.aggregation, Residual) for stage in stages)
     )
     if not plain:
         raise InputError(
-            "the peers are cascades on a grid of views, each stage with attention and weights of "
-            "its own, without a ground truth; choose such a network, for instance occcasnet"
+            "the peers support only stages with attention and their own weights, and no occlusion "
+            "by ground truth; choose such a network, for instance occcasnet"
         )
-    features = of_kind(config.features, FeatureConfig)
-    aggregations = [of_kind(stage.aggregation, Residual) for stage in stages]
+    features = config.features
     return Network(
-        side=of_kind(config.views, tuple)[0],
+        side=config.views[0],
         stem=features.stem,
         groups=tuple(zip(features.widths, features.blocks, features.dilations, strict=True)),
         pooled=features.pooled,
@@ -46,20 +42,25 @@ def describe(config: NetworkConfig) -> Network:
         channels=features.channels,
         attention_width=config.attention_width,
         stages=tuple(
-            Stage(stage.candidates, stage.occlusion != "none", aggregation.pairs, aggregation.width)
-            for stage, aggregation in zip(stages, aggregations, strict=True)
+            Stage(
+                stage.candidates,
+                stage.occlusion != "none",
+                stage.aggregation.pairs,
+                stage.aggregation.width,
+            )
+            for stage in stages
         ),
     )
 
 
-def configure(network: Network) -> NetworkConfig:
-    """The inverse of :func:`describe`."""
+def configure(network: Network) -> OccCasNetConfig:
+    """Return the configuration of a description; the inverse of :func:`describe`."""
     widths, blocks, dilations = zip(*network.groups, strict=True)
-    return NetworkConfig(
+    return OccCasNetConfig(
         stages=tuple(
             StageConfig(
                 stage.candidates,
-                aggregation=Residual(stage.width, stage.pairs),
+                aggregation=AggregationConfig(stage.width, stage.pairs),
                 occlusion="coarse" if stage.occlusion else "none",
             )
             for stage in network.stages
@@ -80,7 +81,7 @@ def configure(network: Network) -> NetworkConfig:
 
 
 def flatten(variables: dict) -> Variables:
-    """Variables by their path, as :data:`experiments.bench.peers.description.Variables` has them.
+    """Return variables by path, see :data:`experiments.bench.peers.description.Variables`.
 
     Example:
         >>> flatten({"params": {"stem_0": {"kernel": np.ones(1)}}})
@@ -93,36 +94,38 @@ def flatten(variables: dict) -> Variables:
 
 
 def unflatten(flat: Variables, shapes: dict) -> dict:
-    """The inverse: values by their path in the structure of ``variable_shapes(config)``."""
+    """Return variables in the structure of ``variable_shapes(config)``; inverse of `flatten`."""
     return jax.tree_util.tree_map_with_path(
         lambda path, _: flat["/".join(part.key for part in path[1:])], shapes
     )
 
 
-def inference_problem(config: NetworkConfig, size: int, *, scores: float = SCORES) -> Problem:
-    """A random light field and network, its disparity zero.
+def inference_problem(
+    config: OccCasNetConfig, size: int, *, score_scale: float = SCORE_SCALE
+) -> Problem:
+    """Return a random light field and network; the true disparity is zero.
 
     Args:
         config: A cascade as :func:`describe` takes it.
         size: Height and width of the views, in pixels.
-        scores: As for :func:`experiments.networks.random_light_field`.
+        score_scale: See :func:`experiments.networks.random_light_field`.
     """
-    variables, views = random_light_field(config, size, size, scores=scores)
+    variables, views = random_light_field(config, size, size, score_scale=score_scale)
     truth = np.zeros((1, size, size), np.float32)
     return Problem(describe(config), flatten(variables), np.asarray(views)[None], truth)
 
 
-def training_problem(config: NetworkConfig, size: int, batch: int) -> Problem:
-    """Random patches with random disparity, and a random network.
+def training_problem(config: OccCasNetConfig, size: int, batch: int) -> Problem:
+    """Return random patches with random disparity, and a random network.
 
-    Its scores are not scaled: BatchNorm in training keeps all values to a few units.
+    The scores are not scaled, because BatchNorm in training limits all values to a few units.
 
     Args:
         config: A cascade as :func:`describe` takes it.
         size: Height and width of the patches, in pixels.
-        batch: Their number.
+        batch: Number of patches.
     """
-    one = inference_problem(config, size, scores=1.0)
+    one = inference_problem(config, size, score_scale=1.0)
     generator = np.random.default_rng(1)
     views = generator.uniform(size=(batch, *one.views.shape[1:]))
     truth = generator.uniform(-1, 1, (batch, size, size))

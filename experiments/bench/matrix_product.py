@@ -1,4 +1,4 @@
-"""A matrix product, the most operations per second that a candidate could reach."""
+"""Matrix product, whose operations per second are the upper limit of a candidate."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from experiments.bench.peers.description import Problem, Program
 
 
 def flops(side: int) -> int:
-    """Operations of the product of two square matrices, a multiply-add as two."""
+    """Return the operations of a product of square matrices; a multiply-add counts as two."""
     return 2 * side**3
 
 
 def build(problem: Problem, *, side: int, precision: str = "float32") -> Program:
-    """The product of two fixed matrices, summed in float32; the problem does not matter.
+    """Build the product of two fixed matrices with float32 accumulation.
 
     Args:
-        problem: Any.
+        problem: Unused.
         side: Rows and columns of the matrices.
-        precision: Of the matrices, ``"float32"`` or ``"bfloat16"``.
+        precision: Number type of the matrices, ``"float32"`` or ``"bfloat16"``.
     """
-    # Random: a processor that is held to a power is faster with numbers that are all alike.
+    # Constant matrices would need less power, and a processor at its power limit would be faster.
     matrix = jax.random.normal(jax.random.key(0), (side, side), precision)
     product = jax.jit(partial(jnp.matmul, preferred_element_type=jnp.float32))
 

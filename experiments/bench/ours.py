@@ -1,4 +1,4 @@
-"""occjax as a candidate: inference, the network as it is written, and a step of training."""
+"""Candidates of occjax: inference, materialised volumes, and a training step."""
 
 from __future__ import annotations
 
@@ -11,93 +11,82 @@ import numpy as np
 
 from experiments.bench.exchange import configure, unflatten
 from experiments.bench.peers.description import Problem, Program
-from experiments.cut_outs import cut_out
-from occjax.data.sample import sample
-from occjax.data.samples import Sample
-from occjax.data.views import chosen_views
-from occjax.inference import Estimator
-from occjax.inference.network import infer
-from occjax.models import OccCasNet, variable_shapes
-from occjax.models.bundled import find_weights
-from occjax.models.weights import load_weights
-from occjax.ops import view_offsets
+from experiments.cut_outs import small_sample
+from occjax.data.samples import LightFieldSample
+from occjax.estimators import make_estimator, run_estimator
+from occjax.lightfield import LightField, view_offsets
+from occjax.models import OccCasNet, predict, variable_shapes
 from occjax.training.config import OptimiserConfig, TrainConfig
 from occjax.training.step import state_of, train_step
 
+RANGE = (-4.0, 4.0)
+"""Disparities that the proposal network searches, pixels per view step."""
+
 
 def peak_memory() -> int:
-    """Largest memory of an accelerator that was in use, in bytes; 0 without one."""
+    """Return the peak memory of the accelerator in bytes; 0 without an accelerator."""
     return int((jax.devices()[0].memory_stats() or {}).get("peak_bytes_in_use", 0))
 
 
 def exact(precision: str) -> AbstractContextManager:
-    """Where float32 means just that: a GPU else rounds it to 10 bits before it multiplies."""
+    """Disable TF32, which rounds float32 factors to 10 bits on a GPU."""
     return jax.default_matmul_precision("float32" if precision == "float32" else "default")
 
 
 def build(problem: Problem, *, precision: str = "float32") -> Program:
-    """Inference of one light field.
+    """Build the inference of one light field.
 
     Args:
         problem: The network and the light field.
-        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
+        precision: Number type of convolutions, ``"float32"`` or ``"bfloat16"``.
     """
     config = configure(problem.network)
     return _inference(
         _variables(problem),
         problem.views[0],
-        lambda variables, views: infer(variables, views, config, dtype=precision),
+        lambda variables, views: predict(variables, views, config, dtype=precision),
         precision,
     )
 
 
-def build_written(problem: Problem) -> Program:
-    """The network as the paper describes it, its volumes materialised, in float32."""
+def build_materialised(problem: Problem) -> Program:
+    """Build the network with materialised volumes, in float32."""
     network = OccCasNet(configure(problem.network))
     return _inference(_variables(problem), problem.views[0], network.apply, "float32")
 
 
-def build_light(problem: Problem, *, precision: str = "float32") -> Program:
-    """The light network with its bundled weights, on the views that an estimate looks at.
+def build_proposal(problem: Problem, *, precision: str = "float32") -> Program:
+    """Build the proposal network with its bundled weights, on the views that an estimate uses.
 
     Args:
-        problem: The light field; its network does not matter.
-        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
+        problem: The light field; its network is unused.
+        precision: Number type of convolutions, ``"float32"`` or ``"bfloat16"``.
     """
-    variables, config = load_weights(find_weights("light"))
-    v, u, h, w = problem.views.shape[1:]
-    offsets = np.asarray(view_offsets(v, u)).reshape(v * u, 2)
-    seen = chosen_views(offsets, "outer_star")
-    views = problem.views.reshape(1, v * u, h, w)[:, seen]
-
-    place = jnp.asarray(offsets[None, seen])
-
-    def stages(variables, views):
-        return infer(variables, views, config, offsets=place, dtype=precision)
-
-    return _inference(variables, views, stages, precision)
+    estimator = make_estimator("proposal", precision=precision)
+    inputs = estimator.prepare(LightField(problem.views[0][..., None]), RANGE)
+    arguments = jax.device_put((inputs.variables, inputs.views, *inputs.others))
+    return _program(lambda *given: estimator.run(*given)["disparity"], arguments, precision)
 
 
 def build_sample(problem: Problem, *, side: int, precision: str = "float32") -> Program:
-    """``occjax.estimate`` of the bundled sample by the light network, whatever the problem.
+    """Build ``occjax.estimate`` of the bundled sample by the proposal network.
 
     Args:
-        problem: Any.
-        side: Of the square in its middle that is estimated, in pixels.
-        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
+        problem: Unused.
+        side: Height and width of the central part, in pixels.
+        precision: Number type of convolutions, ``"float32"`` or ``"bfloat16"``.
     """
-    estimator = Estimator("light", precision=precision)
-    light_field = cut_out(sample(), side)
-    return Program(lambda: estimator(light_field).disparity, peak_memory=peak_memory)
+    estimator, light_field = make_estimator("proposal", precision=precision), small_sample(side)
+    return Program(lambda: run_estimator(estimator, light_field).disparity, peak_memory=peak_memory)
 
 
 def train(problem: Problem, *, rate: float, precision: str = "float32") -> Program:
-    """Steps of Adam on one batch, by the paper's loss.
+    """Build steps of Adam on one batch with the paper's loss.
 
     Args:
         problem: The network, the light fields and their disparity.
-        rate: Of learning.
-        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
+        rate: Learning rate.
+        precision: Number type of convolutions, ``"float32"`` or ``"bfloat16"``.
     """
     config = TrainConfig(
         configure(problem.network),
@@ -106,7 +95,7 @@ def train(problem: Problem, *, rate: float, precision: str = "float32") -> Progr
     )
     views, truth = jax.device_put((problem.views, problem.truth))
     offsets = view_offsets(*views.shape[1:3])
-    batch = Sample(
+    batch = LightFieldSample(
         views,
         jnp.broadcast_to(offsets, (len(views), *offsets.shape)),
         truth,
@@ -135,10 +124,14 @@ def _variables(problem: Problem) -> dict:
 
 def _inference(variables: dict, views: np.ndarray, stages: Callable, precision: str) -> Program:
     arguments = jax.device_put((variables, views))
-    last = jax.jit(lambda variables, views: stages(variables, views)[-1].disparity)
+    return _program(lambda *given: stages(*given)[-1].disparity, arguments, precision)
+
+
+def _program(disparity: Callable, arguments: tuple, precision: str) -> Program:
+    compiled = jax.jit(disparity)
 
     def run() -> jax.Array:
         with exact(precision):
-            return jax.block_until_ready(last(*arguments))
+            return jax.block_until_ready(compiled(*arguments))
 
     return Program(run, peak_memory=peak_memory)

@@ -1,4 +1,4 @@
-"""Candidates in processes of their own, run in turn."""
+"""Timing of candidates, which run in separate processes by turns."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from tqdm import tqdm
 
-from experiments.bench.candidates import Candidate, Comparison, Device, of_disparity
+from experiments.bench.candidates import Candidate, Comparison, Device, compare_disparities
 from experiments.bench.peers.description import Problem, save
 from occjax.errors import InputError
 
-REST = 0.5
-"""Seconds between turns: threads of the candidate before wait for more work busily for a while."""
+PAUSE_SECONDS = 0.5
+"""Pause between turns, in which the spinning threads of the previous candidate go to sleep."""
 
 PLATFORMS = {"cpu": "cpu", "gpu": "cuda"}
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What a candidate took.
+    """Time and memory of a candidate.
 
     Attributes:
-        name: Of the candidate.
+        name: Name of the candidate.
         size: Height and width of the views, in pixels.
         first: Seconds of the first run, which compiles.
-        seconds: Of a run in each later turn, in the order in which the candidates took turns.
-        memory: Peak in bytes, first run included: of the accelerator or, without one, the process.
-        flops: Operations of the network as published (or the product's), whatever were done.
-        apart: How far its answer is from its reference, by the name of the measure.
+        seconds: Seconds of a run in each later turn.
+        memory: Peak memory in bytes, including the first run: of the accelerator, or without one
+            of the process.
+        flops: Operations of the network as published, or of the matrix product.
+        differences: Differences of the answer from its reference, by measure.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Timing:
     seconds: tuple[float, ...]
     memory: int
     flops: float | None
-    apart: dict[str, float] = field(default_factory=dict)
+    differences: dict[str, float] = field(default_factory=dict)
 
     @property
     def typical(self) -> float:
@@ -55,26 +56,26 @@ class Timing:
         return statistics.median(self.seconds)
 
     def as_dict(self) -> dict:
-        """For JSON."""
+        """Return the values for JSON."""
         return {**asdict(self), "typical": self.typical}
 
 
 class Worker:
-    """A candidate's process, see :mod:`experiments.bench.worker`."""
+    """Process of a candidate, see :mod:`experiments.bench.worker`."""
 
     def __init__(self, name: str, process: subprocess.Popen, python: str) -> None:
         self.name, self.process, self.python = name, process, python
         self.missing = self._answer().get("missing")
 
     def run(self, calls: int) -> tuple[list[float], int]:
-        """Seconds of each of some runs, and the peak memory so far."""
-        time.sleep(REST)
+        """Run the candidate; return the seconds of each run, and the peak memory so far."""
+        time.sleep(PAUSE_SECONDS)
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(f"{calls}\n")
             self.process.stdin.flush()
         except BrokenPipeError:
-            pass  # what it has to say is in its answer
+            pass  # reading the answer reports the failure
         answer = self._answer()
         return answer["seconds"], answer["peak_memory"]
 
@@ -83,18 +84,18 @@ class Worker:
         line = self.process.stdout.readline()
         if not line:
             raise InputError(
-                f"{self.name} stopped with exit code {self.process.wait()} ({self.python}), as for "
-                "lack of memory, or of a GPU that a peer's framework can use; pass smaller "
-                "--sizes, or leave a peer out of --peers"
+                f"{self.name} stopped with exit code {self.process.wait()} ({self.python}): memory "
+                "or a GPU that its framework supports may be missing; pass smaller --sizes, or "
+                "remove a peer from --peers"
             )
         return json.loads(line)
 
 
 def check_device(device: Device) -> None:
-    """Refuse an accelerator that JAX does not see, before anything is started on it.
+    """Check that JAX finds the device.
 
     Raises:
-        InputError: With what can be done about it.
+        InputError: If JAX does not find it.
     """
     if device == "cpu":
         return
@@ -102,20 +103,20 @@ def check_device(device: Device) -> None:
     look = [sys.executable, "-c", "import jax; jax.devices()"]
     if subprocess.run(look, env=environment, capture_output=True, check=False).returncode:
         raise InputError(
-            f"--device {device}: JAX sees none on this machine; with a driver, "
-            "pip install 'occjax[gpu]', else leave the option out"
+            f"--device {device}: JAX finds none on this machine; if it has one, "
+            "pip install 'occjax[gpu]', otherwise remove the option"
         )
 
 
 @contextmanager
 def started(candidate: Candidate, folder: Path, python: str, device: Device) -> Iterator[Worker]:
-    """A candidate that is ready to run; it ends with the block."""
+    """Start a candidate's process; it ends with the block."""
     command = [
         *(python, "-m", "experiments.bench.worker", candidate.name),
         *(f"experiments.bench.{candidate.module}", candidate.function),
         *(json.dumps(dict(candidate.options)), str(folder)),
     ]
-    # Candidates share an accelerator: none may reserve all of its memory.
+    # Candidates share an accelerator, so no candidate may reserve all of its memory.
     shares = {"XLA_PYTHON_CLIENT_PREALLOCATE": "false", "TF_FORCE_GPU_ALLOW_GROWTH": "true"}
     environment = {"TF_CPP_MIN_LOG_LEVEL": "2", **os.environ, **shares}
     environment["JAX_PLATFORMS"] = PLATFORMS[device]
@@ -141,26 +142,26 @@ def take_turns(
     calls: int = 1,
     device: Device = "cpu",
     peer_python: str = sys.executable,
-    compare: Comparison = of_disparity,
+    compare: Comparison = compare_disparities,
 ) -> list[Timing]:
-    """Time candidates on one problem, in turn, so that other work slows all alike.
+    """Time candidates on one problem by turns, so that other load affects all of them equally.
 
     Args:
-        problem: What they compute.
-        candidates: Who takes part.
-        repeats: Turns after a first run of each, which compiles.
-        calls: Runs of a candidate in a turn, of which the median counts: an accelerator wakes up
-            with the first of them.
-        device: Where they run.
+        problem: Network and light fields.
+        candidates: The candidates.
+        repeats: Number of turns after a first run, which compiles.
+        calls: Runs of a candidate in a turn, of which the median counts; the first of them may wake
+            an accelerator up.
+        device: Device of all candidates.
         peer_python: Interpreter of the peers.
-        compare: Of an answer with that of the reference.
+        compare: Comparison of an answer with that of its reference.
 
     Returns:
-        One timing for each candidate, in their order.
+        One timing for each candidate, in order.
 
     Raises:
-        InputError: If a candidate's framework is not installed or its process dies.
-        RuntimeError: If an answer is not that of its reference.
+        InputError: If a candidate's framework is not installed, or its process ends early.
+        RuntimeError: If an answer differs from that of its reference.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
@@ -172,11 +173,11 @@ def take_turns(
             if worker.missing:
                 raise InputError(
                     f"{candidate.name}: {python} has no module {worker.missing}; install it there, "
-                    f"pass the --peer-python that has it, or leave {candidate.name} out of --peers"
+                    f"pass the --peer-python that has it, or remove {candidate.name} from --peers"
                 )
             workers.append(worker)
         firsts = [worker.run(1) for worker in workers]
-        apart = agreement(candidates, folder, compare)
+        differences = check_answers(candidates, folder, compare)
         turns = [
             [worker.run(calls) for worker in workers]
             for _ in tqdm(
@@ -191,19 +192,22 @@ def take_turns(
         timings.append(
             Timing(
                 *(candidate.name, problem.views.shape[-1], first, seconds, memory),
-                *(candidate.flops, apart[candidate.name]),
+                *(candidate.flops, differences[candidate.name]),
             )
         )
     return timings
 
 
-def agreement(
+def check_answers(
     candidates: Sequence[Candidate], folder: Path, compare: Comparison
 ) -> dict[str, dict[str, float]]:
-    """How far the first answers are from those of their references, by candidate and measure.
+    """Compare the first answers with those of their references.
+
+    Returns:
+        Differences by candidate and measure.
 
     Raises:
-        RuntimeError: If one is farther than its bound.
+        RuntimeError: If a difference exceeds its bound.
     """
     answers = {
         candidate.name: np.load(folder / f"{candidate.name}.npy") for candidate in candidates
@@ -218,7 +222,7 @@ def agreement(
         for measure, bound in candidate.bounds.items():
             if not measures[measure] <= bound:
                 raise RuntimeError(
-                    f"{candidate.name} is not {candidate.reference}: {measure} "
-                    f"{measures[measure]:.1e}, more than {bound:.0e}"
+                    f"{candidate.name} differs from {candidate.reference}: {measure} "
+                    f"{measures[measure]:.1e} exceeds {bound:.0e}"
                 )
     return found

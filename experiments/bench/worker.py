@@ -1,13 +1,13 @@
-"""One candidate in a process of its own, which runs it whenever its parent asks.
+"""Process of one candidate, which runs it on request of the parent.
 
     python -m experiments.bench.worker NAME MODULE FUNCTION OPTIONS FOLDER
 
-OPTIONS is a JSON object of keyword arguments of the function, which builds the candidate, and
-FOLDER holds what :func:`experiments.bench.peers.description.save` writes. The worker answers every
-line on its standard input, a number of runs, with a line of JSON, after one when it is ready:
-``seconds`` of each run and the ``peak_memory`` in bytes so far, of the accelerator or, without one,
-of the process. The first run compiles; its answer is kept as ``NAME.npy``. It imports only what its
-candidate needs.
+OPTIONS is a JSON object with keyword arguments of the function that builds the candidate. FOLDER
+contains the files of :func:`experiments.bench.peers.description.save`. The worker prints a line of
+JSON when it is ready. Each line of standard input is a number of runs; the worker answers with a
+line of JSON: ``seconds`` of each run, and ``peak_memory`` in bytes so far, of the accelerator or
+without one of the process. The first run compiles; its answer is stored as ``NAME.npy``. The worker
+imports only the modules of its candidate.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from experiments.bench.peers.description import Program, load
 
 
 def peak_memory() -> int:
-    """Largest resident memory of this process in bytes.
+    """Return the peak resident memory of this process in bytes.
 
-    The maximum that ``getrusage`` knows includes the parent's before the process was started.
+    ``getrusage`` is the fallback, because its maximum includes the parent's memory at the start.
     """
     status = Path("/proc/self/status")
     if not status.exists():
@@ -38,12 +38,12 @@ def peak_memory() -> int:
 
 
 def answer(**fields: object) -> None:
-    """A line to the parent."""
+    """Print a line of JSON for the parent."""
     print(json.dumps(fields), flush=True)
 
 
 def serve(name: str, module: str, function: str, options: dict, folder: Path) -> None:
-    """Build a candidate, then run it so often as each line of standard input says."""
+    """Build a candidate, then run it as often as each line of standard input says."""
     try:
         build = getattr(importlib.import_module(module), function)
     except ModuleNotFoundError as missing:

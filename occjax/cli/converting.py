@@ -9,32 +9,29 @@ from typing import Annotated, Literal, cast
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import Stored, option
+from occjax.cli.options import ViewOrderOptions, option
 from occjax.errors import InputError
-from occjax.inference.conversion import convert_map, normals, point_cloud, write_points
 from occjax.io import Map, read_map, write_map, write_normals
 from occjax.io.files import reading
 from occjax.io.hci_config import read_hci_config
-from occjax.io.maps import UNITS, Quantity
+from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity
 from occjax.lightfield import Calibration
+from occjax.results.conversion import convert_map, normals, point_cloud, write_points
 from occjax.viz.canvas import save
 from occjax.viz.figures import depth_figure, disparity_figure
 
-Goal = Literal["disparity", "depth", "normals", "points"]
+Target = Literal["disparity", "depth", "normals", "points"]
 
-SUFFIXES: dict[Goal, tuple[str, ...]] = {
-    "disparity": (".pfm", ".npy", ".png"),
-    "depth": (".pfm", ".npy", ".png"),
-    "normals": (".npy", ".png", ".pfm"),
+SUFFIXES: dict[Target, tuple[str, ...]] = {
+    "disparity": MAP_SUFFIXES,
+    "depth": MAP_SUFFIXES,
+    "normals": MAP_SUFFIXES,
     "points": (".ply",),
 }
-"""Endings of the files that each of them is written to."""
+"""Suffixes of the files that each target can be written to."""
 
-NAMES: dict[str, Goal] = {"depth": "depth", "disp": "disparity", "normal": "normals"}
-"""What a file of such a name is expected to hold."""
-
-RELIEF = ("points", "disparity")
-"""What can be made, and of what, without a camera."""
+NAMES: dict[str, Target] = {"depth": "depth", "disp": "disparity", "normal": "normals"}
+"""Targets that file names suggest."""
 
 
 def convert_command(
@@ -43,18 +40,18 @@ def convert_command(
             Path,
             arg(
                 metavar="MAP",
-                help="Disparity or depth: .pfm, .npy or .png, or a folder of results.",
+                help="Map of disparity or depth: .pfm, .npy or .png, or a folder of results.",
             ),
         ]
     ],
     target: Positional[
-        Annotated[Path, arg(metavar="FILE", help="What to write; its ending says the format.")]
+        Annotated[Path, arg(metavar="FILE", help="File to write; its suffix gives the format.")]
     ],
     to: Annotated[
-        Goal | None,
+        Target | None,
         option(
-            "disparity, depth, normals or points. By default points for a .ply, else what the map "
-            "holds, in another format.",
+            "Quantity to write: disparity, depth, normals or points. By default points for a .ply, "
+            "else the quantity of MAP.",
             "WHAT",
         ),
     ] = None,
@@ -63,54 +60,53 @@ def convert_command(
         arg(
             name="from",
             metavar="WHAT",
-            help="disparity or depth: what the map holds, if it does not say so itself. By default "
-            "depth if it is named so, else disparity.",
+            help="Quantity of MAP, if the file does not state it: disparity or depth. By default "
+            "depth if the file name contains it, else disparity.",
             help_behavior_hint="",
         ),
     ] = None,
     parameters: Annotated[
         Path | None,
         option(
-            "The camera, as parameters.cfg of the HCI format. By default the one in the scene, or "
-            "beside the map.",
+            "Camera, as a parameters.cfg of the HCI format. By default the one in SCENE, or in the "
+            "folder of MAP.",
             "FILE",
         ),
     ] = None,
     scene: Annotated[
         Path | None,
-        option("The light field: its camera, and its centre view for the colours.", "SCENE"),
+        option("Light field whose camera, and centre view for the colours, are used.", "SCENE"),
     ] = None,
     picture: FlagCreatePairsOff[
         Annotated[
             bool,
             arg(
-                help="Write a .png in colours to look at; values cannot be got back from it.",
+                help="Write a .png in colours for viewing; values cannot be recovered from it.",
                 help_behavior_hint="",
             ),
         ]
     ] = False,
     overwrite: FlagCreatePairsOff[
-        Annotated[
-            bool,
-            arg(help="Replace FILE if it is there.", help_behavior_hint=""),
-        ]
+        Annotated[bool, arg(help="Replace FILE if it exists.", help_behavior_hint="")]
     ] = False,
     scale: Annotated[
         float | None,
-        option("For a .png of another program: value = scale * code + offset.", "S"),
+        option("Scale of a .png of another program: value = scale * code + offset.", "S"),
     ] = None,
-    offset: Annotated[float | None, option("Likewise; 0 by default.", "O")] = None,
-    stored: OmitArgPrefixes[Stored] = Stored(),
+    offset: Annotated[
+        float | None, option("Offset of a .png of another program; 0 by default.", "O")
+    ] = None,
+    view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
-    """Convert a map of disparity or depth: other formats, depth, normals, a point cloud.
+    """Convert a map of disparity or depth to another format, to depth, normals or a point cloud.
 
-    The format is that of FILE's ending:
+    The suffix of FILE gives the format:
     $ occjax convert disparity.pfm disparity.npy
-    $ occjax convert disparity.pfm disparity.png (16 bits, which know their scale)
+    $ occjax convert disparity.pfm disparity.png (16 bits, which store their scale)
     $ occjax convert disparity.png again.pfm
     $ occjax convert disparity.pfm look.png --picture
 
-    With the camera of an HCI scene, SCENE/parameters.cfg, also what the map says about space:
+    Depth, points and normals need the camera of an HCI scene, SCENE/parameters.cfg:
     $ occjax convert disparity.pfm depth.pfm --to depth --scene SCENE
     $ occjax convert depth.npy disparity.npy --to disparity --scene SCENE
     $ occjax convert disparity.pfm cloud.ply --scene SCENE
@@ -121,31 +117,34 @@ def convert_command(
     """
     _check_target(source, target, to, picture=picture, overwrite=overwrite)
     content = read_map(source, quantity=from_, scale=scale, offset=offset)
-    goal: Goal = to or ("points" if target.suffix.lower() == ".ply" else content.quantity)
-    _check_goal(target, to, goal, picture=picture)
-    print(f"{source}: {_description(content)}")
-    camera = _camera(source, content, goal, scene, parameters)
-    if goal == "points":
-        centre = None if scene is None else stored.load(scene, check_orientation=False).centre
-        print(f"{target}: {_write_points(target, content, camera, centre)}")
-    elif goal == "normals":
-        found = normals(content, cast(Calibration, camera))
-        write_normals(target, found)
-        print(f"{target}: {_normals_description(found)}")
+    quantity: Target = to or ("points" if target.suffix.lower() == ".ply" else content.quantity)
+    _check_quantity(target, to, quantity, picture=picture)
+    print(f"{source}: {_describe(content)}")
+    camera = _read_camera(source, content, quantity, scene, parameters)
+    if quantity == "points":
+        centre = None if scene is None else view_order.load(scene, check_orientation=False).centre
+        written = _write_points(target, content, camera, centre)
+    elif quantity == "normals":
+        vectors = normals(content, cast(Calibration, camera))
+        write_normals(target, vectors)
+        missing = int(np.isnan(vectors[..., 0]).sum())
+        written = f"{_size(vectors)} unit normals; x right, y up, z to the viewer"
+        written += f"; {missing} pixels have none" * bool(missing)
     else:
-        made = content if camera is None else convert_map(content, goal, camera)
-        print(f"{target}: {_write_map(target, made, picture=picture)}")
+        converted = content if camera is None else convert_map(content, quantity, camera)
+        written = _write_map(target, converted, picture=picture)
+    print(f"{target}: {written}")
     return 0
 
 
 def _check_target(
-    source: Path, target: Path, to: Goal | None, *, picture: bool, overwrite: bool
+    source: Path, target: Path, to: Target | None, *, picture: bool, overwrite: bool
 ) -> None:
-    """What is wrong with the target already before anything is read."""
+    """Refuse a target that is wrong whatever the source contains."""
     suffix = target.suffix.lower()
-    every = sorted({ending for endings in SUFFIXES.values() for ending in endings})
-    if suffix not in every:
-        raise InputError(f"{target}: its ending says the format; let it be {', '.join(every)}")
+    known = sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes})
+    if suffix not in known:
+        raise InputError(f"{target}: unknown format; let the name end in {', '.join(known)}")
     if to is not None and suffix not in SUFFIXES[to]:
         raise InputError(
             f"{target}: {to} cannot be written as {suffix}; end the name in "
@@ -155,114 +154,103 @@ def _check_target(
     if picture and suffix != ".png":
         raise InputError(f"{target}: a picture is a .png; end the name so or leave out --picture")
     with reading(target):
-        present, folder = target.exists(), target.is_dir()
-        itself = present and source.exists() and target.samefile(source)
-    if folder:
+        exists, is_folder = target.exists(), target.is_dir()
+        is_source = exists and source.exists() and target.samefile(source)
+    if is_folder:
         raise InputError(f"{target}: is a folder; name the file to write in it")
-    if itself:
-        raise InputError(f"{target}: is the map itself; choose another name for what is made of it")
-    if present and not overwrite:
-        raise InputError(f"{target}: is there already; choose another name or pass --overwrite")
+    if is_source:
+        raise InputError(f"{target}: is the map itself; choose another name for the result")
+    if exists and not overwrite:
+        raise InputError(f"{target}: already exists; choose another name or pass --overwrite")
 
 
-def _check_goal(target: Path, to: Goal | None, goal: Goal, *, picture: bool) -> None:
-    """What would surprise whoever reads the target."""
-    if picture and goal == "normals":
-        raise InputError(f"{target}: normals are a picture as they are; leave out --picture")
-    named = [holds for word, holds in NAMES.items() if word in target.stem.lower()]
-    if to is None and goal != "points" and named and goal not in named:
+def _check_quantity(target: Path, to: Target | None, quantity: Target, *, picture: bool) -> None:
+    """Refuse a target whose name contradicts its content."""
+    if picture and quantity == "normals":
+        raise InputError(f"{target}: normals are always in colours; leave out --picture")
+    named = [suggested for word, suggested in NAMES.items() if word in target.stem.lower()]
+    if to is None and quantity != "points" and named and quantity not in named:
         raise InputError(
-            f"{target}: its name says {named[0]}, but {goal} would be written to it; pass "
+            f"{target}: its name says {named[0]}, but {quantity} would be written to it; pass "
             f"--to {named[0]}, or choose another name"
         )
 
 
-def _camera(
-    source: Path, content: Map, goal: Goal, scene: Path | None, parameters: Path | None
+def _read_camera(
+    source: Path, content: Map, quantity: Target, scene: Path | None, parameters: Path | None
 ) -> Calibration | None:
-    """The camera, where one is needed: as named, of the scene, or beside the map, in that order."""
-    if goal == content.quantity:
+    """Read the camera that was named, that of the scene, or the one next to the map."""
+    if quantity == content.quantity:
         if parameters is None and scene is None:
             return None
         raise InputError(
-            f"{source}: holds {goal}, and to write the same no camera is needed; pass what to make "
-            "of it (--to), or leave out --parameters and --scene"
+            f"{source}: already holds {quantity}, for which no camera is needed; pass --to, or "
+            "leave out --parameters and --scene"
         )
-    beside = source if source.is_dir() else source.parent
-    places = [folder / "parameters.cfg" for folder in (scene, beside) if folder is not None]
+    map_folder = source if source.is_dir() else source.parent
+    places = [folder / "parameters.cfg" for folder in (scene, map_folder) if folder is not None]
     path = parameters or next((place for place in places if place.is_file()), None)
     if path is None:
-        if (goal, content.quantity) == RELIEF:
-            return None
-        without = "none is beside the map" if scene is None else f"{scene} has none"
+        if (content.quantity, quantity) == ("disparity", "points"):
+            return None  # the points become a relief in pixels
+        missing = "none is next to the map" if scene is None else f"{scene} has none"
         raise InputError(
-            f"{source}: {goal} cannot be made of {content.quantity} without the camera; pass "
-            f"--parameters FILE, or --scene SCENE that has a parameters.cfg ({without})"
+            f"{source}: converting {content.quantity} to {quantity} needs the camera; pass "
+            f"--parameters FILE, or --scene SCENE that has a parameters.cfg ({missing})"
         )
     path = path / "parameters.cfg" if path.is_dir() else path
     config = read_hci_config(path)
     print(f"camera: {path}")
-    if config.image_size is not None and config.image_size != content.values.shape:
-        expected, found = (
-            "x".join(map(str, size)) for size in (config.image_size, content.values.shape)
-        )
+    size = content.values.shape
+    if config.image_size not in (None, size):
+        expected, found = ("x".join(map(str, shape)) for shape in (config.image_size, size))
         warnings.warn(
             f"{path}: is for views of {expected} pixels (rows x columns), but the map has {found}; "
-            "it is taken for the whole view at another resolution, not a part of it",
+            "the map is taken as the whole view at another resolution, not as a part of it",
             stacklevel=2,
         )
     return config.calibration
 
 
 def _write_map(target: Path, content: Map, *, picture: bool) -> str:
-    """Write the map or its picture; returns what was written, in words."""
+    """Write the map or its picture; returns a description of what was written."""
     if picture:
         figure = depth_figure if content.quantity == "depth" else disparity_figure
         save(figure(content.values), target)
-        return f"picture of {_description(content)}"
+        return f"picture of {_describe(content)}"
     precision = write_map(target, content)
     rounded = f"; values are kept to within {precision:.2g}" if precision else ""
-    return _description(content) + rounded
+    return _describe(content) + rounded
 
 
 def _write_points(
     target: Path, content: Map, camera: Calibration | None, centre: np.ndarray | None
 ) -> str:
-    """Write the points; returns what was written, in words."""
+    """Write the points; returns a description of what was written."""
     cloud = point_cloud(content, camera)
     count = write_points(target, cloud, centre=centre)
-    colours = "" if centre is None else " in the colours of the centre view"
-    left_out = content.values.size - count
-    relief = (
-        "\n  note: without a camera (--parameters or --scene) they are a relief in pixels, whose "
-        "depth has no true scale"
-    )
-    return (
-        f"{count} points{colours}; {cloud.unit}"
-        + f"\n  note: {left_out} pixels without a place in space are left out" * bool(left_out)
-        + relief * (camera is None)
-    )
+    lines = [f"{count} points{' in the colours of the centre view' * (centre is not None)}"]
+    lines[0] += f"; {cloud.unit}"
+    if missing := content.values.size - count:
+        lines.append(f"note: {missing} pixels without a point in space are left out")
+    if camera is None:
+        lines.append(
+            "note: without a camera (--parameters or --scene) they are a relief in pixels, whose "
+            "depth has no true scale"
+        )
+    return "\n  ".join(lines)
 
 
-def _normals_description(found: np.ndarray) -> str:
-    missing = int(np.isnan(found[..., 0]).sum())
-    return (
-        f"{_size(found)} unit normals; x right, y up, z to the viewer"
-        + f"; {missing} pixels have none" * bool(missing)
-    )
-
-
-def _description(content: Map) -> str:
-    """Size, quantity and range in words, and what has no number."""
+def _describe(content: Map) -> str:
+    """Describe size, quantity and range of a map, and its pixels without a finite value."""
     values = content.values
     finite = values[np.isfinite(values)]
     parts = [f"{_size(values)} {content.quantity}"]
     if finite.size:
         parts.append(f"{finite.min():.4g} to {finite.max():.4g} {UNITS[content.quantity]}")
-    infinite, missing = int(np.isinf(values).sum()), int(np.isnan(values).sum())
-    if infinite:
+    if infinite := int(np.isinf(values).sum()):
         parts.append(f"{infinite} pixels infinite")
-    if missing:
+    if missing := int(np.isnan(values).sum()):
         parts.append(f"{missing} pixels without value")
     return ", ".join(parts)
 

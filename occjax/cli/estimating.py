@@ -14,15 +14,16 @@ from typing import Annotated
 from tqdm import tqdm
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import Stored, option
+from occjax.cli.options import ViewOrderOptions, option
 from occjax.cli.running import show_warning
 from occjax.errors import InputError
-from occjax.inference import MODELS, Estimate, Estimator
-from occjax.inference.estimate import Precision
-from occjax.inference.outputs import Outputs, write_outputs
+from occjax.estimators import Estimate, make_estimator, run_estimator
+from occjax.estimators.factory import Precision
 from occjax.io.atomic import check_writable
 from occjax.lightfield import LightField
-from occjax.models.config import Warp
+from occjax.models.occcasnet.config import Warp
+from occjax.models.registry import PRESETS
+from occjax.results.outputs import Outputs, write_outputs
 
 
 def estimate_command(
@@ -37,54 +38,59 @@ def estimate_command(
         ]
     ],
     output: Annotated[
-        Path, arg(aliases=["-o"], metavar="FOLDER", help="Results go to FOLDER/<scene>/.")
+        Path, arg(aliases=["-o"], metavar="FOLDER", help="Results are written to FOLDER/<scene>/.")
     ],
     model: Annotated[
         str | None,
         option(
-            f"photometric, which needs no weights, or a network: {', '.join(MODELS[1:])}. "
-            "By default the one the weights were made for.",
+            f"One of {', '.join(PRESETS)}. By default the model of the weights.",
             "MODEL",
         ),
     ] = None,
     weights: Annotated[
         Path | None,
         option(
-            "Weights: .safetensors, the published .h5 / .hdf5, or a name that occjax weights list "
-            "shows. By default the first in that list.",
+            "Weights: .safetensors, the published .h5 / .hdf5, or a name from 'occjax weights "
+            "list'. By default the first in that list.",
             "FILE",
         ),
     ] = None,
     warp: Annotated[
-        Warp | None, option("correct or transposed, if not the weights' own.", "WARP")
+        Warp | None, option("correct or transposed, instead of the warp of the weights.", "WARP")
     ] = None,
     disparity_range: Annotated[
         tuple[float, float] | None,
         option("Disparities to search, in pixels per view step.", "MIN MAX"),
     ] = None,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
-    stored: OmitArgPrefixes[Stored] = Stored(),
+    stored: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
-    """Estimate disparity maps and write them, with pictures, to a folder per scene."""
+    """Estimate disparity maps and write them, with pictures, to one folder per scene."""
     if not scenes:
-        raise InputError("name at least one scene: a folder of views, an image or an array file")
-    estimator = Estimator(model, weights=weights, warp=warp, precision=precision)
+        raise InputError("pass at least one scene: a folder of views, an image or an array file")
+    estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)
     names = _folder_names(scenes)
     check_writable(output)
     failed = []
     progress = tqdm(names, unit="scene", disable=len(names) == 1 or None, leave=False)
     for scene in progress:
-        say = _phase_reporter(progress, names[scene])
+        report_phase = _phase_reporter(progress, names[scene])
         try:
-            say("reading")
+            report_phase("reading")
             light_field, seconds, warned = _timed_load(stored, scene)
-            estimate = estimator(light_field, disparity_range=disparity_range, say=say)
+            estimate = run_estimator(
+                estimator,
+                light_field,
+                disparity_range=disparity_range,
+                occlusion=True,
+                report_phase=report_phase,
+            )
             estimate = dataclasses.replace(
                 estimate,
                 seconds={"load": seconds, **estimate.seconds},
                 notes=(*warned, *estimate.notes),
             )
-            say("writing")
+            report_phase("writing")
             outputs = write_outputs(estimate, light_field, output / names[scene])
         except (InputError, MemoryError, OSError, ValueError, RuntimeError) as error:
             if len(names) == 1:
@@ -103,25 +109,30 @@ def estimate_command(
 
 def demo_command(
     output: Annotated[
-        Path, arg(aliases=["-o"], metavar="FOLDER", help="Where the pictures go.")
+        Path, arg(aliases=["-o"], metavar="FOLDER", help="Folder of the results.")
     ] = Path("occjax-demo"),
 ) -> int:
     """Estimate the bundled sample light field and compare it with its ground truth."""
-    from occjax.data.sample import sample
+    from occjax.data.bundled_sample import sample
 
     light_field = sample()
     check_writable(output)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"the bundled sample: {v}x{u} views of {h}x{w} pixels, with exact ground truth")
-    estimate = Estimator()(light_field, say=_phase_reporter(None, light_field.name))
+    estimate = run_estimator(
+        make_estimator(),
+        light_field,
+        occlusion=True,
+        report_phase=_phase_reporter(None, light_field.name),
+    )
     outputs = write_outputs(estimate, light_field, output)
     print(_report(light_field.name, estimate, outputs))
     return 0
 
 
-def _timed_load(stored: Stored, scene: Path) -> tuple[LightField, float, list[str]]:
-    """A light field, the seconds it took, and what its reader warned of."""
+def _timed_load(stored: ViewOrderOptions, scene: Path) -> tuple[LightField, float, list[str]]:
+    """Read a light field; return it with the seconds it took and the reader's warnings."""
     begin = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
@@ -132,7 +143,7 @@ def _timed_load(stored: Stored, scene: Path) -> tuple[LightField, float, list[st
 
 
 def _folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
-    """A folder for each scene, named after it, and after its parents where two would collide."""
+    """Name a folder after each scene, and after its parents where two names would collide."""
     names: dict[Path, str] = {}
     seen = set()
     for scene in scenes:
@@ -150,9 +161,9 @@ def _folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
 
 
 def _phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
-    """Shows what is going on: on the progress bar, or as a line where there is none."""
+    """Return a function that shows the current phase on the progress bar or on its own line."""
 
-    def say(phase: str) -> None:
+    def report(phase: str) -> None:
         if progress is not None and not progress.disable:
             progress.set_description(f"{name}: {phase}")
         elif sys.stderr.isatty():
@@ -160,11 +171,11 @@ def _phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
             if phase == "writing":
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
 
-    return say
+    return report
 
 
 def _report(name: str, estimate: Estimate, outputs: Outputs) -> str:
-    """What a person wants to know about a finished scene."""
+    """Return the report on a finished scene."""
     low, high = estimate.disparity_range
     lines = [
         f"{name}: {estimate.model}"

@@ -1,76 +1,97 @@
-"""All commands put together."""
+"""The command line: all commands, each imported when it is needed."""
 
 from __future__ import annotations
 
+import importlib
 import sys
-
-import jax
-import platformdirs
-from tyro.extras import SubcommandApp
+from collections.abc import Callable
+from typing import NamedTuple
 
 import occjax
-from occjax.cli.converting import convert_command
-from occjax.cli.estimating import demo_command, estimate_command
-from occjax.cli.measuring import check_command, evaluate_command
-from occjax.cli.pooling import pool_command
-from occjax.cli.running import exit_with
-from occjax.cli.weights import fetch_command, list_command
-from occjax.render.command import render_command
 
 
-def _app(arguments: list[str]) -> SubcommandApp:
-    """The commands; that of training reads the arguments for its defaults."""
-    weights = SubcommandApp()
-    weights.command(name="list")(list_command)
-    weights.command(name="fetch")(fetch_command)
-    app = SubcommandApp()
-    app.command(name="estimate")(estimate_command)
-    app.command(name="evaluate")(evaluate_command)
-    app.command(name="check")(check_command)
-    app.command(name="convert", help=_convert_help(arguments))(convert_command)
-    app.command(name="demo")(demo_command)
-    app.command(weights, name="weights", help="Weights of the networks.")
-    app.command(name="pool")(pool_command)
-    app.command(name="train")(_train_command(arguments))
-    app.command(name="render")(render_command)
-    return app
+class Command(NamedTuple):
+    """A command of the command line.
+
+    Attributes:
+        module: Module that defines it.
+        function: Name of its function.
+        summary: Its line in the help on all commands.
+    """
+
+    module: str
+    function: str
+    summary: str
 
 
-def _convert_help(arguments: list[str]) -> str | None:
-    """All of its docstring for itself, without the examples in the help on all commands."""
-    alone = arguments[:1] == ["convert"]
-    return None if alone else (convert_command.__doc__ or "").splitlines()[0]
-
-
-def _train_command(arguments: list[str]):
-    if arguments[:1] != ["train"]:
-
-        def train_command() -> int:
-            """Train a network, or go on with training it."""
-            return 0  # only its first line is shown, by the help on all commands
-
-        return train_command
-    # Optimisers and checkpoints take a second to import, which no other command should wait for.
-    from occjax.training.command import training_command
-
-    return training_command(arguments[1:])
+COMMANDS = {
+    "estimate": Command(
+        "estimating", "estimate_command", "Estimate disparity maps and write them with pictures."
+    ),
+    "demo": Command(
+        "estimating", "demo_command", "Estimate the bundled sample and compare with the truth."
+    ),
+    "check": Command(
+        "measuring", "check_command", "Measure the order of the views and the disparity range."
+    ),
+    "evaluate": Command(
+        "measuring", "evaluate_command", "Compare a disparity map with the ground truth."
+    ),
+    "convert": Command(
+        "converting", "convert_command", "Convert maps: formats, depth, normals, point clouds."
+    ),
+    "weights": Command(
+        "weights", "weights_command", "List the weights in the package, or download the published."
+    ),
+    "pool": Command("pooling", "pool_command", "Render procedural light fields for training."),
+    "train": Command("training", "", "Train a network, or resume its training."),
+}
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a name the terminal cannot show is no reason to fail
+        if hasattr(stream, "reconfigure"):  # a name that the terminal cannot show is no failure
             stream.reconfigure(errors="backslashreplace")
-    if sys.argv[1:] in (["--version"], ["-V"]):
+    arguments = sys.argv[1:]
+    if arguments in (["--version"], ["-V"]):
         print(f"occjax {occjax.__version__}")
         sys.exit(0)
-    _cache_compilations()
-    exit_with(
-        lambda: _app(sys.argv[1:]).cli(prog="occjax", description=occjax.__doc__.splitlines()[0])
-    )
+    from occjax.cli.running import exit_with
+
+    exit_with(lambda: _run(arguments))
 
 
-def _cache_compilations() -> None:
-    """Keep compiled programs in the user's cache, so that a second run starts at once."""
-    jax.config.update("jax_compilation_cache_dir", platformdirs.user_cache_dir("occjax") + "/xla")
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+def _run(arguments: list[str]) -> int:
+    """Run the command that the arguments name, or print the help on all commands."""
+    import tyro
+
+    name = arguments[0] if arguments else ""
+    if name in COMMANDS:
+        return tyro.cli(_function(name, arguments[1:]), prog=f"occjax {name}", args=arguments[1:])
+    app = tyro.extras.SubcommandApp()
+    for command, (_, _, summary) in COMMANDS.items():
+        app.command(name=command)(_described(summary))
+    summary = (occjax.__doc__ or "").splitlines()[0]
+    return app.cli(prog="occjax", description=summary, args=arguments)
+
+
+def _function(name: str, arguments: list[str]) -> Callable[..., int]:
+    """Import the function of a command; that of training reads the arguments for its defaults."""
+    command = COMMANDS[name]
+    if name == "train":
+        from occjax.training.command import training_command
+
+        return training_command(arguments)
+    module = importlib.import_module(f"occjax.cli.{command.module}")
+    return getattr(module, command.function)
+
+
+def _described(summary: str) -> Callable[[], int]:
+    """Return a function whose docstring is the summary, for the help on all commands."""
+
+    def command() -> int:
+        return 0
+
+    command.__doc__ = summary
+    return command

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import Stored, option
+from occjax.cli.options import ViewOrderOptions, option
 from occjax.errors import InputError
 from occjax.evaluation import (
     BORDER,
@@ -19,28 +19,27 @@ from occjax.evaluation import (
     evaluate_scene,
     is_scene,
 )
-from occjax.io import Orientation, OrientationReport, check
-from occjax.io.orientation import declared_orientation
+from occjax.layout import LayoutReport, Orientation, check, declared_orientation
 
 
 def evaluate_command(
     estimate: Positional[
-        Annotated[Path, arg(help="Disparity map, PFM, NPY or PNG, or folder of results.")]
+        Annotated[Path, arg(help="Disparity map (PFM, NPY or PNG) or folder of results.")]
     ],
     ground_truth: Positional[
         Annotated[
             Path,
             arg(
-                help="True disparity, PFM, NPY or PNG, or the scene's folder (with "
-                "gt_disp_lowres.pfm), which may also come first."
+                help="True disparity (PFM, NPY or PNG) or folder of the scene (with "
+                "gt_disp_lowres.pfm). A scene folder may also be the first argument."
             ),
         ]
     ],
     metrics: Annotated[
         str | None,
         option(
-            "Measures of the HCI benchmark in the regions of the scene: all, or names with commas "
-            "between, such as discontinuities,bumpiness_planes. Masks are those in its folder.",
+            "Measures of the HCI benchmark by region of the scene: all, or a comma-separated list "
+            "such as discontinuities,bumpiness_planes. The scene folder must contain the masks.",
             "all|NAMES",
         ),
     ] = None,
@@ -48,26 +47,26 @@ def evaluate_command(
         tuple[float, ...] | None,
         option(
             "BadPix thresholds, in pixels per view step; "
-            f"{', '.join(f'{threshold:g}' for threshold in THRESHOLDS)} by default. NAMES have "
-            "them in themselves: badpix_0.07.",
+            f"{', '.join(f'{threshold:g}' for threshold in THRESHOLDS)} by default. With --metrics "
+            "NAMES, write the threshold into the name: badpix_0.07.",
             "FLOAT...",
         ),
     ] = None,
-    border: Annotated[int, arg(help="Pixels left out at each side.")] = BORDER,
+    border: Annotated[int, arg(help="Width of the border that is ignored, in pixels.")] = BORDER,
     json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
 ) -> int:
-    """Compare a disparity map with the ground truth, everywhere or by regions of the scene."""
+    """Compare a disparity map with the ground truth, as a whole or by region of the scene."""
     if is_scene(estimate) and not is_scene(ground_truth):
         estimate, ground_truth = ground_truth, estimate
     if metrics is not None and not is_scene(ground_truth):
         raise InputError(
-            f"neither {estimate} nor {ground_truth} is a scene's folder (with gt_disp_lowres.pfm), "
-            "which --metrics needs; name one"
+            f"neither {estimate} nor {ground_truth} is the folder of a scene (with "
+            "gt_disp_lowres.pfm); --metrics needs one"
         )
     names = None if metrics is None else _names(metrics)
     if names is not None and thresholds is not None:
         raise InputError(
-            "--thresholds does not go with named measures; add "
+            "--thresholds cannot be combined with named measures; add "
             f"{','.join(f'badpix_{threshold:g}' for threshold in thresholds)} to --metrics instead"
         )
     thresholds = THRESHOLDS if thresholds is None else thresholds
@@ -83,10 +82,10 @@ def evaluate_command(
 
 
 def _names(metrics: str) -> tuple[str, ...] | None:
-    """Names of the measures that are asked for; None is all of them."""
+    """Return the names in a comma-separated list; None stands for all measures."""
     names = tuple(name.strip() for name in metrics.split(",") if name.strip())
     if not names:
-        raise InputError("--metrics names no measure; pass all, or names with commas between")
+        raise InputError("--metrics names no measure; pass all or a comma-separated list")
     return None if names == ("all",) else names
 
 
@@ -94,9 +93,9 @@ def check_command(
     path: Positional[
         Annotated[Path, arg(help="Folder of views, image of all views, or array file.")]
     ],
-    stored: OmitArgPrefixes[Stored] = Stored(),
+    stored: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
-    """Measure which way round the grid of views is, and the scene's disparity range."""
+    """Measure the layout of the grid of views and the disparity range of the scene."""
     light_field = stored.load(path, check_orientation=False)
     v, u = light_field.grid
     h, w = light_field.image_size
@@ -105,37 +104,35 @@ def check_command(
     return 0
 
 
-def _layout_report(report: OrientationReport, declared: Orientation) -> str:
-    """The eight layouts by their consistency, which of them is right, and the disparity range."""
-    lines = [
-        "",
-        "  mean grey difference from the centre view at each pixel's best disparity:",
-    ]
+def _layout_report(report: LayoutReport, declared: Orientation) -> str:
+    """Format the consistency of the eight layouts, the correct layout and the disparity range."""
+    lines = ["", "  mean grey difference from the centre view at the best disparity of each pixel:"]
     for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
         lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
     lines.append("")
-    right = declared.then(report.best)
+    correct = declared.then(report.best)
     if report.clearly_worse:
-        flip = f" --flip {right.flip}" if right.flip else ""
-        lines.append(f"layout: {report.best.name}; pass --order {right.order}{flip}")
+        flip = f" --flip {correct.flip}" if correct.flip else ""
+        lines.append(f"layout: {report.best.name}; pass --order {correct.order}{flip}")
     elif report.conclusive:
         lines.append("layout: as declared")
+    elif report.plausible:
+        lines.append("layout: unknown, the views have too little texture or disparity")
     else:
         lines.append(
-            "layout: cannot tell, none is clearly more consistent than the others; are grid and "
-            "layout right?"
-            if not report.fits
-            else "layout: cannot tell, too little texture or disparity"
+            "layout: unknown, no layout is clearly more consistent than the others; check the "
+            "grid and the layout"
         )
     if report.nearer_in_front is not None:
-        share = f"{report.nearer_in_front:.0%}"
-        lines.append(f"  in {share} of the occlusions the nearer surface is in front")
+        fraction = f"{report.nearer_in_front:.0%}"
+        lines.append(f"  in {fraction} of the occlusions the nearer surface is in front")
     if report.conclusive and not report.sign_known:
         lines.append(
-            "  too few occlusions to tell the sign of disparity: with rows and columns flipped "
-            "besides,\n  the views would be as consistent"
+            "  too few occlusions to determine the sign of disparity: with rows and columns\n"
+            "  flipped in addition, the views would be equally consistent"
         )
     low, high = report.disparity_range
-    source = f"from {report.measured:.0%} of the pixels" if report.measured else "nothing measured"
+    measured = report.measured_fraction
+    source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
     lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
     return "\n".join(lines)

@@ -8,35 +8,35 @@ from typing import Annotated, Any, Literal, get_args
 
 from tyro.conf import arg
 
-from occjax.io import Layout, load
+from occjax.io.loading import Layout, load
 from occjax.lightfield import LightField
 
 
 def option(help: str, metavar: str, *aliases: str) -> Any:
-    """An option that may be left out; ``None`` means nothing to a user."""
+    """Describe an optional argument; its default ``None`` is not shown."""
     return arg(help=help, metavar=metavar, aliases=aliases, help_behavior_hint="")
 
 
 @dataclasses.dataclass(frozen=True)
-class Stored:
-    """How a light field is stored, where that is not found out."""
+class ViewOrderOptions:
+    """How the files store the views; what is not given is detected."""
 
     layout: Annotated[
         str | None, option(f"How the views are stored: {', '.join(get_args(Layout))}.", "LAYOUT")
     ] = None
     pattern: Annotated[
-        str | None, option("File names of the views, with {v} and {u} or {i} in them.", "PATTERN")
+        str | None, option("File names of the views, with {v} and {u} or {i}.", "PATTERN")
     ] = None
     grid: Annotated[
-        tuple[int, int] | None, option("Rows and columns of views as stored.", "V U")
+        tuple[int, int] | None, option("Number of view rows and columns, as stored.", "V U")
     ] = None
-    key: Annotated[str | None, option("Name of the views in an .npz.", "NAME")] = None
+    key: Annotated[str | None, option("Name of the views in an .npz file.", "NAME")] = None
     order: Annotated[
         Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")
     ] = "vu"
     flip: Annotated[
         str,
-        option("Axes of the grid that run backwards in the files: v, u or vu.", "AXES"),
+        option("Axes of the grid that are reversed in the files: v, u or vu.", "AXES"),
     ] = ""
 
     def load(self, path: Path, **options) -> LightField:

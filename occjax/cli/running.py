@@ -1,4 +1,4 @@
-"""How a command ends: warnings and faults of the input are one line each, and an exit code."""
+"""Exit codes of the commands, and warnings and errors as one line each."""
 
 from __future__ import annotations
 
@@ -16,28 +16,30 @@ from occjax.errors import InputError
 def exit_with(command: Callable[[], int]) -> NoReturn:
     """Run a command and exit with its code.
 
+    An :class:`InputError` is printed as one line and exits with code 2.
+
     Args:
-        command: Returns the exit code. What the input is at fault for is one line and code 2.
+        command: Returns the exit code.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = show_warning
-        sys.exit(_code_of(command))
+        sys.exit(_exit_code(command))
 
 
 def show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    """A warning as one line, without the place in the code that means nothing to a user."""
+    """Print a warning as one line, without its position in the source code."""
     tqdm.write(f"occjax: warning: {message}", file=sys.stderr)
 
 
-def _code_of(command: Callable[[], int]) -> int:
+def _exit_code(command: Callable[[], int]) -> int:
     try:
         code = command()
         sys.stdout.flush()
     except InputError as error:
         print(f"occjax: {error}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # the reader of our output, head for instance, has seen enough
+    except BrokenPipeError:  # the reader of the output, such as head, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except KeyboardInterrupt:

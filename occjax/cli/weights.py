@@ -1,15 +1,31 @@
-"""The commands ``weights list`` and ``weights fetch``."""
+"""The command ``weights``."""
 
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
 from occjax.models.bundled import bundled_weights
-from occjax.models.fetch import fetch_published_weights
+from occjax.models.occcasnet.published_weights import fetch_published_weights
 
 
-def list_command() -> int:
-    """List the weights in the package, the default first."""
-    if not bundled_weights():
-        print("no weights are in the package; train some with: occjax train")
+def weights_command(
+    action: Positional[
+        Annotated[
+            Literal["list", "fetch"],
+            arg(
+                help="list the weights in the package, the default first; or fetch (download) the "
+                "published OccCasNet weights, which have no licence: for your own use only.",
+            ),
+        ]
+    ],
+) -> int:
+    """List the weights in the package, or download the published ones."""
+    return _list() if action == "list" else _fetch()
+
+
+def _list() -> int:
     for weights in bundled_weights():
         weights.verify()
         size = weights.path.stat().st_size / 1e6
@@ -20,8 +36,7 @@ def list_command() -> int:
     return 0
 
 
-def fetch_command() -> int:
-    """Download the published OccCasNet weights (no licence: for your own use only)."""
+def _fetch() -> int:
     path = fetch_published_weights()
     print(f"{path}\nuse it with: occjax estimate SCENE -o FOLDER --weights {path}")
     return 0

@@ -1,1 +1,1 @@
-"""Light fields to learn from and to try things on: procedural scenes, and the bundled sample."""
+"""Training data: procedural light fields, pools, folders of scenes, and the bundled sample."""

@@ -1,7 +1,7 @@
-"""Training data from folders of light fields, prepared ahead by grain.
+"""Training data from folders of light fields, prepared in background threads by grain.
 
-Patches are a function of the seed and their number (``grain.MapDataset``, random access), read in
-threads some batches ahead of the step that needs them.
+A patch is a function of the seed and its number (``grain.MapDataset`` has random access). Threads
+prepare some batches ahead of the step that needs them.
 """
 
 from __future__ import annotations
@@ -13,16 +13,14 @@ from threading import Lock
 import numpy as np
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.host import numpy_sample, stack_samples, to_device
 from occjax.data.published_augmentation import published_sample
-from occjax.data.samples import Sample
+from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import Source, check_batch_size, vary
+from occjax.data.sources import Source, augment_for_step, check_batch_size
 from occjax.errors import InputError
-from occjax.lightfield import GREY_WEIGHTS
 
-MANY = 2**40
-"""More patches than any training takes: grain's data sets have a length."""
+MAX_PATCHES = 2**40
+"""Length of the grain data set, which must be finite: more patches than any training draws."""
 
 
 def folder_source(
@@ -31,94 +29,68 @@ def folder_source(
     seed: int,
     *,
     augmentation: AugmentationConfig | None = None,
-    random_grey: bool = True,
     threads: int = 2,
-    ahead: int = 4,
 ) -> Source:
-    """Random patches of light fields in memory, varied.
+    """Return a source of random patches of scenes in memory, each with random grey weights.
 
     Args:
-        scenes: From :func:`occjax.data.scenes.load_scenes`; of one arrangement of views.
+        scenes: Scenes from :func:`occjax.data.scenes.load_scenes`, all with the same views.
         batch_size: Patches per step.
-        seed: Of places and of augmentation; 0 to 2^32 - 1.
-        augmentation: Size of the patches and how they are varied; None for whole views as they are.
-        random_grey: Whether each patch weighs red, green and blue otherwise.
-        threads: That cut patches; 0 for none, then nothing is done ahead.
-        ahead: Batches that they cut ahead.
+        seed: Seed of places, grey weights and augmentation; 0 to 2^32 - 1.
+        augmentation: Size of the patches and their variation; None gives whole views, unchanged.
+        threads: Number of threads that cut patches ahead; 0 cuts them when they are needed.
 
     Returns:
         The source.
 
     Raises:
-        InputError: If there are no scenes, or they are too small for the patches.
+        InputError: If there are no scenes, if the seed is out of range or grain is missing; when
+            called, if the scenes differ in their views or are smaller than the patches.
     """
     check_batch_size(batch_size)
     if not scenes:
         raise InputError("there are no scenes to draw patches from")
-    cut = partial(_random_window, scenes, augmentation, random_grey)
-    windows = grain_source(cut, batch_size, seed, threads=threads, ahead=ahead)
-
-    def source(step: int) -> Sample:
-        batch = to_device(windows(step))
-        return vary(batch, augmentation, seed, step)
-
-    return source
+    draw = partial(_random_window, scenes, augmentation)
+    windows = _grain_batches(draw, batch_size, seed, threads)
+    return lambda step: augment_for_step(to_device(windows(step)), augmentation, seed, step)
 
 
 def published_source(
-    scenes: Sequence[Scene], batch_size: int, seed: int, *, threads: int = 2, ahead: int = 4
+    scenes: Sequence[Scene], batch_size: int, seed: int, *, threads: int = 2
 ) -> Source:
-    """Patches drawn and varied as the published network's, see :func:`published_sample`.
+    """Return a source of patches as the published network was trained on.
+
+    See :func:`occjax.data.published_augmentation.published_sample`.
 
     Args:
-        scenes: The HCI benchmark's additional scenes, or others.
+        scenes: The additional scenes of the HCI benchmark, or others.
         batch_size: Patches per step.
-        seed: Of everything that is drawn; 0 to 2^32 - 1.
-        threads: That prepare patches; 0 for none.
-        ahead: Batches that they prepare ahead.
+        seed: Seed of everything that is drawn; 0 to 2^32 - 1.
+        threads: Number of threads that prepare patches ahead; 0 prepares them when needed.
 
     Returns:
         The source.
 
     Raises:
-        InputError: When called, if there are no scenes or none has a patch that is fit.
+        InputError: If the seed is out of range or grain is missing; when called, if there are no
+            scenes or none has an acceptable patch.
     """
     check_batch_size(batch_size)
-    batches = grain_source(
-        lambda generator: published_sample(generator, scenes),
-        batch_size,
-        seed,
-        threads=threads,
-        ahead=ahead,
-    )
+    draw = partial(published_sample, scenes=scenes)
+    batches = _grain_batches(draw, batch_size, seed, threads)
     return lambda step: to_device(batches(step))
 
 
-def grain_source(
-    draw: Callable[[np.random.Generator], Sample],
+def _grain_batches(
+    draw: Callable[[np.random.Generator], LightFieldSample],
     batch_size: int,
     seed: int,
-    *,
-    threads: int = 2,
-    ahead: int = 4,
-) -> Callable[[int], Sample]:
-    """Batches of samples that a function draws, each a function of seed and number, by grain.
+    threads: int,
+) -> Callable[[int], LightFieldSample]:
+    """Return a function from the step to its batch of samples that ``draw`` draws with NumPy.
 
-    Steps that follow each other are prepared ahead; any other step may be asked for, too, and is
-    where preparing goes on from.
-
-    Args:
-        draw: Makes one sample of NumPy arrays with the generator that it is given.
-        batch_size: Samples per batch.
-        seed: 0 to 2^32 - 1.
-        threads: That prepare batches; 0 for none.
-        ahead: Batches that they prepare ahead.
-
-    Returns:
-        A function from the step to its batch of NumPy arrays.
-
-    Raises:
-        InputError: If grain is not installed or the seed out of range.
+    Threads prepare consecutive steps ahead, two batches each. Any other step can be requested;
+    preparation then continues from there.
     """
     try:
         import grain
@@ -126,41 +98,38 @@ def grain_source(
         raise InputError("data from folders needs grain; pip install 'occjax[train]'") from error
     if not 0 <= seed < 2**32:
         raise InputError(f"seed is {seed}; it must be between 0 and 2^32 - 1")
-    samples = grain.MapDataset.range(MANY).random_map(lambda _, drawn: draw(drawn), seed=seed)
-    batches = samples.batch(batch_size, batch_fn=stack_samples)
+    samples = grain.MapDataset.range(MAX_PATCHES)
+    drawn = samples.random_map(lambda _, generator: draw(generator), seed=seed)
+    batches = drawn.batch(batch_size, batch_fn=stack_samples)
     if threads == 0:
         return lambda step: batches[step]
-    options = grain.ReadOptions(num_threads=threads, prefetch_buffer_size=max(ahead, threads))
-    iterator: Iterator[Sample] = iter(())
-    position, lock = -1, Lock()
+    options = grain.ReadOptions(num_threads=threads, prefetch_buffer_size=2 * threads)
+    iterator: Iterator[LightFieldSample] = iter(())
+    next_step, lock = -1, Lock()
 
-    def in_order(step: int) -> Sample:
-        nonlocal iterator, position
+    def read(step: int) -> LightFieldSample:
+        nonlocal iterator, next_step
         with lock:
-            if step != position:
+            if step != next_step:
                 iterator = iter(batches[step:].to_iter_dataset(options))
-            position = step + 1
+            next_step = step + 1
             return next(iterator)
 
-    return in_order
+    return read
 
 
 def _random_window(
-    scenes: Sequence[Scene],
-    augmentation: AugmentationConfig | None,
-    random_grey: bool,
-    generator: np.random.Generator,
-) -> Sample:
-    """A part of a scene with room for the patch of every stride and shear, if it is so large."""
+    scenes: Sequence[Scene], augmentation: AugmentationConfig | None, generator: np.random.Generator
+) -> LightFieldSample:
+    """Draw a scene, a window of the size of the crop (at most the whole views) and grey weights."""
     scene = scenes[int(generator.integers(len(scenes)))]
     size = scene.disparity.shape
-    wanted = augmentation and augmentation.window(float(np.abs(scene.offsets).max()))
-    height, width = map(min, size, wanted) if wanted else size
+    crop = (augmentation and augmentation.crop) or size
+    height, width = map(min, size, crop)
     top, left = (generator.integers(room + 1) for room in (size[0] - height, size[1] - width))
     window = np.s_[top : top + height, left : left + width]
-    weights = 0.05 + generator.uniform(size=3) if random_grey else np.array(GREY_WEIGHTS)
     return numpy_sample(
-        views=scene.grey(window, weights),
+        views=scene.grey(window, weights=0.05 + generator.uniform(size=3)),
         offsets=scene.offsets,
         disparity=scene.disparity[window],
         valid=scene.valid[window],

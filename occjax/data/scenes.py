@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from occjax.data.host import numpy_sample
-from occjax.data.views import Selection, select_views
 from occjax.errors import InputError
 from occjax.io import load, read_image
 from occjax.io.files import reading
-from occjax.lightfield import LightField, to_unit_float
+from occjax.lightfield import to_unit_float, view_offsets
+from occjax.view_selection import Selection, select_from_grid
 
 GROUND_TRUTH = "gt_disp_lowres.pfm"
+"""File of the ground truth in a scene's folder."""
+
 MASK = "mask.png"
-"""Optional image in a scene's folder: not black where its ground truth is not to be used."""
+"""Optional image in a scene's folder: ground truth is ignored where it is not black."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +30,8 @@ class Scene:
         name: Name of its folder.
         views: ``[v, u, h, w, c]`` uint8.
         offsets: ``[v, u, 2]`` float32 offset (row, column) of each view from the centre view.
-        disparity: ``[h, w]`` float32 of the centre view; 0 where it is not known.
-        valid: ``[h, w]`` where it is known and not masked.
+        disparity: ``[h, w]`` float32 ground truth of the centre view; 0 where it is unknown.
+        valid: ``[h, w]`` pixels whose ground truth is known and not masked.
         masked: Whether the folder has a mask.
     """
 
@@ -42,12 +43,12 @@ class Scene:
     masked: bool
 
     def grey(self, patch: tuple[slice, slice], weights: np.ndarray) -> np.ndarray:
-        """A patch of all views in grey.
+        """Return a patch of all views in grey.
 
         Args:
             patch: Rows and columns.
-            weights: ``[3]`` positive weights of red, green and blue, of any sum; of no effect on
-                grey views.
+            weights: ``[3]`` positive weights of red, green and blue, of any sum; ignored if the
+                views are grey.
 
         Returns:
             ``[v, u, rows, columns]`` float32 in [0, 1].
@@ -61,30 +62,30 @@ class Scene:
 def load_scenes(
     folders: str | Path | Sequence[str | Path], *, views: Selection = "all", progress: bool = True
 ) -> list[Scene]:
-    """Read scenes with ground truth, as :func:`occjax.load` reads them.
+    """Read scenes with ground truth, as :func:`occjax.load` reads light fields.
 
     Args:
-        folders: Folders of scenes (views and ``gt_disp_lowres.pfm``, maybe ``mask.png``), or
-            folders that have such folders in them.
-        views: Which views are kept.
-        progress: Whether to show how far it is.
+        folders: Folders of scenes (views, ``gt_disp_lowres.pfm`` and optionally ``mask.png``), or
+            folders that contain such folders.
+        views: The views to keep.
+        progress: Whether to show a progress bar.
 
     Returns:
         The scenes, ordered by path.
 
     Raises:
-        InputError: If there is none, or one cannot be read or has no ground truth.
+        InputError: If there is no scene, or if a scene cannot be read or has no ground truth.
     """
     given = [folders] if isinstance(folders, str | Path) else list(folders)
-    found = [scene for folder in given for scene in _scenes_in(Path(folder))]
+    found = [scene for folder in given for scene in _find_scenes(Path(folder))]
     return [
         _read_scene(folder, views)
         for folder in tqdm(found, desc="scenes", unit="scene", disable=not progress)
     ]
 
 
-def _scenes_in(folder: Path) -> list[Path]:
-    """The folder itself, or the folders in it that are scenes."""
+def _find_scenes(folder: Path) -> list[Path]:
+    """Return the folder itself if it is a scene, else the scenes that it contains."""
     if (folder / GROUND_TRUTH).is_file():
         return [folder]
     with reading(folder):
@@ -98,11 +99,13 @@ def _scenes_in(folder: Path) -> list[Path]:
 
 
 def _read_scene(folder: Path, views: Selection) -> Scene:
-    """One scene, its views in 8 bits."""
+    """Read one scene and convert its views to 8 bits."""
     light_field = load(folder, check_orientation=False)
     truth = light_field.ground_truth
     if truth is None:
-        raise InputError(f"{folder}: its {GROUND_TRUTH} was not read; name its views as HCI does")
+        raise InputError(
+            f"{folder}: {GROUND_TRUTH} was not read; name the views as the HCI benchmark does"
+        )
     valid = np.isfinite(truth)
     masked = (folder / MASK).is_file()
     if masked:
@@ -112,30 +115,17 @@ def _read_scene(folder: Path, views: Selection) -> Scene:
                 f"{folder / MASK}: is {list(mask.shape)} but the views are {list(truth.shape)}"
             )
         valid &= ~mask
-    kept, offsets = _selected(light_field, views)
+    positions = light_field.positions
+    offsets = view_offsets(*light_field.grid) if positions is None else positions
+    places = select_from_grid(offsets, views)
+    images = light_field.views[places]
+    if images.dtype != np.uint8:
+        images = np.rint(255.0 * np.clip(to_unit_float(images), 0.0, 1.0)).astype(np.uint8)
     return Scene(
         name=light_field.name,
-        views=kept,
-        offsets=offsets,
+        views=images,
+        offsets=offsets[places].astype(np.float32),
         disparity=np.where(valid, truth, 0.0).astype(np.float32),
         valid=valid,
         masked=masked,
     )
-
-
-def _selected(light_field: LightField, views: Selection) -> tuple[np.ndarray, np.ndarray]:
-    """``[v, u, h, w, c]`` uint8 views of a selection, and their ``[v, u, 2]`` offsets."""
-    images = light_field.views
-    if images.dtype != np.uint8:
-        images = np.rint(255.0 * np.clip(to_unit_float(images), 0.0, 1.0)).astype(np.uint8)
-    v, u, h, w, c = images.shape
-    offsets = light_field.positions
-    if offsets is None:
-        rows, columns = np.meshgrid(np.arange(v) - v // 2, np.arange(u) - u // 2, indexing="ij")
-        offsets = np.stack([rows, columns], axis=-1)
-    # Colours are told apart like columns of pixels, which no selection of views looks at.
-    flat = images.reshape(v, u, h, w * c)
-    nothing = np.zeros((h, w), np.float32)
-    selected = select_views(numpy_sample(flat, offsets.astype(np.float32), nothing), views)
-    kept = np.asarray(selected.views)
-    return kept.reshape(*kept.shape[:3], w, c), np.asarray(selected.offsets)

@@ -1,254 +1,176 @@
-"""Changes of a light field that keep it one: its symmetries, and the choice of a frame.
+"""Changes of a light field that keep it consistent with its ground truth: symmetries and crops.
 
-Each function takes one sample (no batch axis) and changes views, offsets, disparity, visibility and
-valid pixels together, so that the result is as consistent as the sample was: the views, warped by
-the new disparity, agree where the new visibility says so. A flip or turn of the pictures alone
-would not be: the views would move the wrong way.
-
-Flips and turns also take samples of NumPy arrays, which stay such.
+Views, offsets, disparity, visibility and valid pixels are changed together: the changed views,
+warped by the changed disparity, agree wherever the changed visibility is true. Flipping or turning
+the images alone would move the views in the wrong direction.
 """
 
 from __future__ import annotations
+
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from occjax.data.samples import Sample
+from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
+from occjax.lightfield import project
+
+Symmetry = Literal["transpose", "flip_rows", "flip_columns"]
+"""``transpose`` exchanges rows and columns; ``flip_rows`` turns upside down; ``flip_columns``
+mirrors left to right. Together they generate the eight symmetries of a square."""
 
 
-def flip_rows(sample: Sample) -> Sample:
-    """Turn the light field upside down: rows of pixels and rows of views.
-
-    Views keep the order of a grid, from top to bottom. If their number of rows is even, that order
-    would put another view in the centre: then views stay where they are, and only their offsets say
-    where that is now.
+def turn_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1)) -> Any:
+    """Flip or transpose images.
 
     Args:
-        sample: One sample.
+        images: NumPy or JAX array of at least two axes.
+        symmetry: The change.
+        axes: The axes of rows and columns, by default the last two.
 
     Returns:
-        The flipped sample.
+        The changed array.
 
     Example:
-        >>> from occjax.ops import view_offsets
-        >>> images = jnp.arange(6.0).reshape(3, 1, 2, 1)
-        >>> seen = images >= 0
-        >>> sample = Sample(images, view_offsets(3, 1), images[1, 0], seen, seen[1, 0])
-        >>> flip_rows(sample).views[:, 0, :, 0].tolist()
+        >>> turn_images(np.array([[1, 2], [3, 4]]), "flip_rows").tolist()
+        [[3, 4], [1, 2]]
+    """
+    if symmetry == "transpose":
+        return images.swapaxes(*axes)
+    index = [slice(None)] * images.ndim
+    index[axes[0] if symmetry == "flip_rows" else axes[1]] = slice(None, None, -1)
+    return images[tuple(index)]
+
+
+def turn_offsets(offsets: Any, symmetry: Symmetry) -> Any:
+    """Return the offsets that positions have after a flip or transposition.
+
+    Args:
+        offsets: ``[..., 2]`` NumPy or JAX array of offsets ``(row, column)``.
+        symmetry: The change.
+
+    Returns:
+        ``[..., 2]`` changed offsets.
+
+    Example:
+        >>> turn_offsets(np.array([1, 2]), "flip_rows").tolist()
+        [-1, 2]
+    """
+    if symmetry == "transpose":
+        return offsets[..., ::-1]
+    signs = np.array([-1, 1] if symmetry == "flip_rows" else [1, -1], offsets.dtype)
+    return offsets * np.broadcast_to(signs, offsets.shape)
+
+
+def turn_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightFieldSample:
+    """Flip or transpose a light field: pixels and views together.
+
+    Views keep the order of a grid, from top to bottom and left to right. Where that would move the
+    centre view (an even number of views along a flipped axis) or change the shape of the grid
+    (transposing a grid that is not square, or a list of views), views keep their place in the
+    array, and only their offsets change.
+
+    Args:
+        sample: One sample (no batch axis) of NumPy or JAX arrays.
+        symmetry: The change.
+
+    Returns:
+        The changed sample, of the same kind of arrays.
+
+    Example:
+        >>> from occjax.data.samples import numpy_sample
+        >>> from occjax.lightfield import view_offsets
+        >>> images = np.arange(6, dtype=np.float32).reshape(3, 1, 2, 1)
+        >>> sample = numpy_sample(images, view_offsets(3, 1), images[1, 0])
+        >>> turn_sample(sample, "flip_rows").views[:, 0, :, 0].tolist()
         [[5.0, 4.0], [3.0, 2.0], [1.0, 0.0]]
     """
-    return _flip(sample, 0)
-
-
-def flip_columns(sample: Sample) -> Sample:
-    """Mirror the light field left to right: columns of pixels and columns of views.
-
-    As :func:`flip_rows`, for columns.
-
-    Args:
-        sample: One sample.
-
-    Returns:
-        The flipped sample.
-    """
-    return _flip(sample, 1)
-
-
-def transpose(sample: Sample) -> Sample:
-    """Exchange rows and columns, of pixels and of views.
-
-    The grid of the views is transposed if it is as high as wide; otherwise (a list of views has one
-    row whatever their offsets) views stay in their order and their offsets say where they are.
-
-    Args:
-        sample: One sample.
-
-    Returns:
-        The transposed sample; ``[w, h]`` pixels.
-    """
     v, u = sample.views.shape[:2]
-    square = v == u
+    reorder = {"transpose": v == u, "flip_rows": v % 2 == 1, "flip_columns": u % 2 == 1}[symmetry]
 
-    def over(values, *, pixels=True):
-        values = values.swapaxes(0, 1) if square else values
-        return values.swapaxes(-1, -2) if pixels else values
+    def turn_grid(values):
+        return turn_images(values, symmetry, axes=(0, 1)) if reorder else values
 
-    return Sample(
-        views=over(sample.views),
-        offsets=over(sample.offsets, pixels=False)[..., ::-1],
-        disparity=sample.disparity.T,
-        visibility=over(sample.visibility),
-        valid=sample.valid.T,
+    return LightFieldSample(
+        views=turn_images(turn_grid(sample.views), symmetry),
+        offsets=turn_offsets(turn_grid(sample.offsets), symmetry),
+        disparity=turn_images(sample.disparity, symmetry),
+        visibility=turn_images(turn_grid(sample.visibility), symmetry),
+        valid=turn_images(sample.valid, symmetry),
     )
 
 
-def rotate(sample: Sample, quarter_turns: int) -> Sample:
-    """Turn the light field counterclockwise, pixels and views, as ``jnp.rot90`` turns an image.
+def rotate(sample: LightFieldSample, quarter_turns: int) -> LightFieldSample:
+    """Rotate a light field counterclockwise: pixels and views together, as ``np.rot90`` an image.
 
     Args:
-        sample: One sample.
+        sample: One sample (no batch axis) of NumPy or JAX arrays.
         quarter_turns: Number of turns by 90 degrees.
 
     Returns:
-        The turned sample.
+        The rotated sample.
     """
     for _ in range(quarter_turns % 4):
-        sample = flip_rows(transpose(sample))
+        sample = turn_sample(turn_sample(sample, "transpose"), "flip_rows")
     return sample
 
 
-def _flip(sample: Sample, axis: int) -> Sample:
-    """Reverse one axis of pixels and the same axis of views."""
-    backwards = slice(None, None, -1)
-    rows_or_columns = (backwards,) if axis == 0 else (slice(None), backwards)
-    pixels = (..., *rows_or_columns, *(slice(None),) * (1 - axis))
-    odd = sample.views.shape[axis] % 2 == 1
-
-    def over(values):
-        return values[rows_or_columns] if odd else values
-
-    direction = np.where(np.arange(2) == axis, -1.0, 1.0).astype(sample.offsets.dtype)
-    return Sample(
-        views=over(sample.views)[pixels],
-        offsets=over(sample.offsets) * direction[None, None, :],
-        disparity=sample.disparity[rows_or_columns],
-        visibility=over(sample.visibility)[pixels],
-        valid=sample.valid[rows_or_columns],
-    )
-
-
-def frame(
-    sample: Sample,
-    corner: Int[Array, "2"],
-    size: tuple[int, int],
-    *,
-    stride: int | Int[Array, ""] = 1,
-    shear: float | Float[Array, ""] = 0.0,
-    interpolate: bool = True,
-) -> Sample:
-    """Cut a frame out of every view, of every pixel or every ``stride``-th, and refocus.
-
-    Pixel ``(i, j)`` of the result is what the sample has, in the view at offset ``(t, s)``, at
-
-    ``(corner + stride * ((i, j) + shear * (t, s)))``
-
-    so that each view's frame is shifted in proportion to its offset: a shear of the light field,
-    which moves the plane of zero disparity. Disparity becomes ``disparity / stride + shear``.
-
-    All frames must lie within the views; what does not repeats the border, and then it is no
-    observation: choose ``corner`` so that it does not happen, as
-    :func:`occjax.data.augmentation.random_frame` does.
+def crop(
+    sample: LightFieldSample, corner: Int[Array, "2"], size: tuple[int, int]
+) -> LightFieldSample:
+    """Cut the same window out of every view.
 
     Args:
-        sample: One sample.
-        corner: ``[2]`` row and column of the frame's first pixel in the centre view.
-        size: ``(h, w)`` of the frame, in pixels of the result.
-        stride: Pixels of the sample per pixel of the result.
-        shear: Added to the disparity, in pixels of the result.
-        interpolate: Whether positions between pixels are interpolated (Catmull-Rom cubic, which
-            keeps more detail than linear). If not they are rounded, exact for whole ``shear`` and
-            offsets only, and quicker.
+        sample: One sample (no batch axis).
+        corner: ``[2]`` row and column of the first pixel of the window.
+        size: ``(h, w)`` of the window, in pixels.
 
     Returns:
-        The sample in that frame. Points that a view's frame leaves out are not visible in it;
-        where visibility is not known (true everywhere) it stays so.
+        The window of the sample. Points outside the window of a view are not visible in it; if the
+        visibility is unknown (true everywhere), it stays so.
 
     Raises:
-        InputError: If the frame is larger than the views.
+        InputError: If the window is larger than the views.
     """
-    h, w = size
     height, width = sample.disparity.shape
-    if h > height or w > width:
+    if size[0] > height or size[1] > width:
         raise InputError(
-            f"a frame of {h}x{w} pixels needs views of that size, not {height}x{width}"
+            f"a window of {size[0]}x{size[1]} pixels needs views of at least that size, not "
+            f"{height}x{width}; pass a smaller crop"
         )
-    dtype = sample.views.dtype
-    corner, step = jnp.asarray(corner, dtype), jnp.asarray(stride, dtype)
-    shifts = jnp.asarray(shear, dtype) * sample.offsets
-    rows = corner[0] + step * (jnp.arange(h, dtype=dtype)[None, None] + shifts[..., :1])
-    columns = corner[1] + step * (jnp.arange(w, dtype=dtype)[None, None] + shifts[..., 1:])
-    cut = _interpolated if interpolate else _nearest
-    views = jax.vmap(jax.vmap(cut))(sample.views, rows, columns)
 
-    row = (corner[0] + step * jnp.arange(h, dtype=dtype)).astype(jnp.int32)[:, None]
-    column = (corner[1] + step * jnp.arange(w, dtype=dtype)).astype(jnp.int32)[None, :]
-    disparity = sample.disparity[row, column] / step + jnp.asarray(shear, dtype)
-    visibility = sample.visibility[:, :, row, column]
-    known = ~jnp.all(sample.visibility)
-    inside = within_frame(disparity, sample.offsets)
-    return Sample(
-        views=views,
+    def cut(images):
+        leading = images.shape[:-2]
+        return jax.lax.dynamic_slice(images, (*(0,) * len(leading), *corner), (*leading, *size))
+
+    disparity = cut(sample.disparity)
+    unknown = jnp.all(sample.visibility)
+    inside = _inside_window(disparity, sample.offsets)
+    return LightFieldSample(
+        views=cut(sample.views),
         offsets=sample.offsets,
         disparity=disparity,
-        visibility=visibility & (inside | ~known),
-        valid=sample.valid[row, column],
+        visibility=cut(sample.visibility) & (inside | unknown),
+        valid=cut(sample.valid),
     )
 
 
-def within_frame(
+def _inside_window(
     disparity: Float[Array, "h w"], offsets: Float[Array, "v u 2"]
 ) -> Bool[Array, "v u h w"]:
-    """Whether what the centre view sees lies within the frame of each view.
+    """Return whether each view sees the points of the centre view inside its own image.
 
-    Args:
-        disparity: ``[h, w]`` of the centre view, pixels per view step.
-        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view.
-
-    Returns:
-        ``[v, u, h, w]`` true between the middles of the outermost pixels.
-
-    Example:
-        >>> offsets = jnp.array([[[0.0, -1.0], [0.0, 0.0], [0.0, 1.0]]])
-        >>> within_frame(jnp.ones((1, 3)), offsets)[0, :, 0].tolist()
-        [[True, True, False], [True, True, True], [False, True, True]]
+    The image ends at the centres of the outermost pixels.
     """
     h, w = disparity.shape
-    d = disparity[None, None]
-    offsets = offsets[..., None, None]
-    y = jnp.arange(h, dtype=disparity.dtype)[None, None, :, None] - d * offsets[:, :, 0]
-    x = jnp.arange(w, dtype=disparity.dtype)[None, None, None, :] - d * offsets[:, :, 1]
-    return (y >= 0.0) & (y <= h - 1.0) & (x >= 0.0) & (x <= w - 1.0)
+    rows = jnp.arange(h, dtype=disparity.dtype)[:, None]
+    columns = jnp.arange(w, dtype=disparity.dtype)[None, :]
 
+    def inside(offset):
+        y, x = project(rows, columns, disparity, offset)
+        return (y >= 0.0) & (y <= h - 1.0) & (x >= 0.0) & (x <= w - 1.0)
 
-def _nearest(
-    image: Float[Array, "height width"], rows: Float[Array, " h"], columns: Float[Array, " w"]
-) -> Float[Array, "h w"]:
-    """Pixels nearest to the crossings of rows and columns; the border is repeated."""
-    height, width = image.shape
-    row = jnp.clip(jnp.rint(rows).astype(jnp.int32), 0, height - 1)
-    column = jnp.clip(jnp.rint(columns).astype(jnp.int32), 0, width - 1)
-    return image[row[:, None], column[None, :]]
-
-
-def _interpolated(
-    image: Float[Array, "height width"], rows: Float[Array, " h"], columns: Float[Array, " w"]
-) -> Float[Array, "h w"]:
-    """Cubic interpolation at the crossings, as two products with banded matrices.
-
-    Dense products take less time than gathering sixteen taps, on processors and on GPUs.
-    """
-    vertical = _cubic_matrix(rows, image.shape[0])
-    horizontal = _cubic_matrix(columns, image.shape[1])
-    cut = jnp.einsum("hH,HW,wW->hw", vertical, image, horizontal, precision="highest")
-    return jnp.clip(cut, 0.0, 1.0)
-
-
-def _cubic_matrix(positions: Float[Array, " n"], size: int) -> Float[Array, "n size"]:
-    """Weights of the pixels of a line at positions on it (Catmull and Rom, 1974)."""
-    base = jnp.floor(positions)
-    f = positions - base
-    weights = (
-        ((-0.5 * f + 1.0) * f - 0.5) * f,
-        (1.5 * f - 2.5) * f * f + 1.0,
-        ((-1.5 * f + 2.0) * f + 0.5) * f,
-        (0.5 * f - 0.5) * f * f,
-    )
-    pixels = jnp.arange(size, dtype=jnp.int32)[None, :]
-    matrix = jnp.zeros((positions.shape[0], size), positions.dtype)
-    for tap, weight in enumerate(weights):
-        pixel = jnp.clip(base.astype(jnp.int32) + (tap - 1), 0, size - 1)
-        matrix += jnp.where(pixels == pixel[:, None], weight[:, None], 0.0)
-    return matrix
+    return jax.vmap(jax.vmap(inside))(offsets)

@@ -1,8 +1,9 @@
-"""How good an estimate is: the error measures of the HCI 4D benchmark."""
+"""Error measures of the HCI 4D benchmark."""
 
 from occjax.evaluation.benchmark import SceneScores, evaluate_scene, metric_names
 from occjax.evaluation.files import evaluate_files, read_disparity
 from occjax.evaluation.metrics import (
+    BAD_PIXEL_THRESHOLD,
     BORDER,
     THRESHOLDS,
     Metrics,
@@ -13,12 +14,6 @@ from occjax.evaluation.metrics import (
     q25,
 )
 from occjax.evaluation.normals import angular_errors
-from occjax.evaluation.published import (
-    average,
-    printed_average,
-    published_methods,
-    published_scores,
-)
 from occjax.evaluation.regions import (
     bumpiness,
     fattening,
@@ -30,12 +25,12 @@ from occjax.evaluation.regions import (
 from occjax.evaluation.scene_files import is_scene, read_mask
 
 __all__ = [
+    "BAD_PIXEL_THRESHOLD",
     "BORDER",
     "THRESHOLDS",
     "Metrics",
     "SceneScores",
     "angular_errors",
-    "average",
     "bad_pix",
     "bumpiness",
     "compared_pixels",
@@ -49,9 +44,6 @@ __all__ = [
     "mean_squared_error",
     "metric_names",
     "missed_dots",
-    "printed_average",
-    "published_methods",
-    "published_scores",
     "q25",
     "read_disparity",
     "read_mask",

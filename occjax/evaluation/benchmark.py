@@ -1,4 +1,4 @@
-"""All measures of the HCI 4D benchmark, by name, for a scene's folder and an estimate.
+"""All error measures of the HCI 4D benchmark, by name.
 
 ===============================  ============================================================
 ``mse_x100``                     mean squared error, times 100
@@ -7,12 +7,12 @@
 ``runtime``                      seconds
 
 *photorealistic scenes*
-``discontinuities``              BadPix 0.07 in ``discontinuities``, and mean squared error
-``discontinuities_mse_x100``     there, times 100
-``bumpiness_planes``             bumpiness of the error, times 100, in ``planes`` and in
-``bumpiness_smooth``             ``smooth_surfaces``
-``normals_planes_median``        angle between estimated and true normal in ``planes``, in
-``normals_planes_mean``          degrees
+``discontinuities``              BadPix 0.07 in ``discontinuities``
+``discontinuities_mse_x100``     mean squared error, times 100, in ``discontinuities``
+``bumpiness_planes``             bumpiness of the error, times 100, in ``planes``
+``bumpiness_smooth``             the same in ``smooth_surfaces``
+``normals_planes_median``        angle between estimated and true normal in ``planes``, degrees
+``normals_planes_mean``
 ``normals_smooth_median``        the same in ``smooth_surfaces``
 ``normals_smooth_mean``
 ``fine_fattening``               % estimated too near by 0.15 in ``fine_surrounding``
@@ -22,18 +22,19 @@
 ``backgammon_fattening``         % closer to the foreground in ``foreground_fattening``
 ``backgammon_thinning``          % closer to the background in ``foreground_thinning``
 ``dots_missed``                  % of the dots in ``dots_by_size`` with BadPix 0.4 above 50 %
-``dots_background_mse_x100``     mean squared error in ``background``, times 100
+``dots_background_mse_x100``     mean squared error, times 100, in ``background``
 ``pyramids_bumpiness_slanted``   bumpiness, times 100, in ``pyramids``, ``sphere_in`` and
-``pyramids_bumpiness_parallel``  ``sphere_out``, and in ``plane``
-``stripes_low_texture``          BadPix 0.07 in ``low_texture``,
-``stripes_dark``                 in ``high_contrast``
-``stripes_bright``               and in ``low_contrast``
+                                 ``sphere_out``
+``pyramids_bumpiness_parallel``  the same in ``plane``
+``stripes_low_texture``          BadPix 0.07 in ``low_texture``
+``stripes_dark``                 BadPix 0.07 in ``high_contrast``
+``stripes_bright``               BadPix 0.07 in ``low_contrast``
 ===============================  ============================================================
 
-Names such as ``planes`` are regions; :mod:`occjax.evaluation.scene_files` says in which files they
-are. Lower is better everywhere. The benchmark evaluates some stratified scenes at ten times the
-resolution; here everything is measured at the resolution of the estimate. Of the dots it counts
-those that are numbered 1 to 8 in ``dots_by_size``, here all count.
+Names such as ``planes`` are regions; :mod:`occjax.evaluation.scene_files` lists their files. Lower
+is better for every measure. There are two differences from the benchmark. It evaluates some
+stratified scenes at ten times the resolution; here every measure uses the resolution of the
+estimate. It counts the dots numbered 1 to 8 in ``dots_by_size``; here all dots count.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,7 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.evaluation.files import read_disparity
 from occjax.evaluation.metrics import (
+    BAD_PIXEL_THRESHOLD,
     BORDER,
     THRESHOLDS,
     bad_pix,
@@ -67,7 +69,7 @@ from occjax.evaluation.regions import (
 )
 from occjax.evaluation.scene_files import (
     GROUND_TRUTH,
-    MissingFile,
+    MissingFileError,
     read_calibration,
     read_mask,
     read_seconds,
@@ -76,9 +78,6 @@ from occjax.io.pfm import read_pfm
 
 BADPIX = "badpix_"
 
-BAD = 0.07
-"""Threshold of BadPix in a region, in pixels per view step."""
-
 
 @dataclass(frozen=True)
 class SceneScores:
@@ -86,10 +85,9 @@ class SceneScores:
 
     Attributes:
         scene: Name of the scene's folder.
-        values: By name of the measure, in the order of the table above; lower is better.
-        missing: Why the other measures are not there: by name, the file that the scene lacks or
-            what is wrong with it.
-        border: Pixels left out at each side of the image.
+        values: Measures by name, in the order of the table above; lower is better.
+        missing: For each measure that could not be computed, the missing file or content.
+        border: Pixels left out on each side of the image.
     """
 
     scene: str
@@ -98,7 +96,7 @@ class SceneScores:
     border: int
 
     def as_dict(self) -> dict[str, object]:
-        """The same for JSON."""
+        """Return the scores as a dictionary for JSON."""
         return {
             "scene": self.scene,
             "metrics": self.values,
@@ -107,18 +105,18 @@ class SceneScores:
         }
 
     def table(self) -> str:
-        """A table for people: one measure a line, then what could not be measured, by file."""
+        """Return a text table: one measure per line, then the missing measures by file."""
         width = max(len(name) for name in ("", *self.values))
         lines = [
             f"{name:<{width}}  {value:9.3f} {_unit(name)}" for name, value in self.values.items()
         ]
         if self.missing:
-            lines += ["", "not measured, for want of"]
-            lacking: dict[str, list[str]] = {}
+            lines += ["", "not measured, because of missing"]
+            names_by_file: dict[str, list[str]] = {}
             for name, file in self.missing.items():
-                lacking.setdefault(file, []).append(name)
-            width = max(len(file) for file in lacking)
-            lines += [f"  {file:<{width}}  {', '.join(names)}" for file, names in lacking.items()]
+                names_by_file.setdefault(file, []).append(name)
+            width = max(map(len, names_by_file))
+            lines += [f"  {file:<{width}}  {', '.join(n)}" for file, n in names_by_file.items()]
         return "\n".join(line.rstrip() for line in lines)
 
 
@@ -130,33 +128,44 @@ def evaluate_scene(
     thresholds: tuple[float, ...] = THRESHOLDS,
     border: int = BORDER,
 ) -> SceneScores:
-    """Measures of an estimate in the regions of its scene.
+    """Compute the benchmark's measures of an estimate in the regions of its scene.
 
     Args:
         scene: Folder of the scene, with ``gt_disp_lowres.pfm`` and masks.
         estimate: Estimated disparity, pixels per view step: a PFM or NPY file, or a folder of
             results.
-        names: Which measures; see the table above. None takes all that the scene has files for.
-        thresholds: Thresholds of BadPix, in pixels per view step, where no names are given.
-        border: Pixels left out at each side of the image.
+        names: Names of the measures, see the table above; None for all that the scene has files
+            for.
+        thresholds: Thresholds of BadPix, pixels per view step, if no names are given.
+        border: Pixels left out on each side of the image.
 
     Returns:
-        The measures. ``missing`` is empty where names are given.
+        The measures. ``missing`` is empty if names are given.
 
     Raises:
-        InputError: If there is no such measure, a file cannot be read, the maps cannot be compared,
-            or what a measure needs is missing that was asked for by name.
+        InputError: If a measure does not exist, a file cannot be read, the maps cannot be compared,
+            or a file is missing that a measure given by name needs.
+
+    Example:
+        >>> import tempfile
+        >>> from occjax.io import write_pfm
+        >>> folder = Path(tempfile.mkdtemp())
+        >>> write_pfm(folder / "gt_disp_lowres.pfm", np.zeros((40, 40), np.float32))
+        >>> np.save(folder / "estimate.npy", np.full((40, 40), 0.05))
+        >>> names = ("badpix_0.07", "badpix_0.03")
+        >>> evaluate_scene(folder, folder / "estimate.npy", names=names).values
+        {'badpix_0.07': 0.0, 'badpix_0.03': 100.0}
     """
     folder = Path(scene)
     chosen = metric_names(thresholds) if names is None else names
     measures = {name: _measure(name) for name in chosen}
-    comparison = _read(folder, Path(estimate), border)
+    comparison = _read_comparison(folder, Path(estimate), border)
     values: dict[str, float] = {}
     missing: dict[str, str] = {}
     for name, measure in measures.items():
         try:
             values[name] = measure(comparison)
-        except MissingFile as error:
+        except MissingFileError as error:
             if names is not None:
                 raise InputError(f"{name} cannot be measured: {error}") from error
             missing[name] = error.missing
@@ -166,7 +175,13 @@ def evaluate_scene(
 
 
 def metric_names(thresholds: tuple[float, ...] = THRESHOLDS) -> tuple[str, ...]:
-    """Names of all measures, those of BadPix at some thresholds.
+    """Return the names of all measures.
+
+    Args:
+        thresholds: Thresholds of BadPix, pixels per view step.
+
+    Returns:
+        Names in the order of the table above.
 
     Example:
         >>> metric_names((0.07,))[:4]
@@ -179,7 +194,7 @@ def metric_names(thresholds: tuple[float, ...] = THRESHOLDS) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Comparison:
-    """An estimate of a scene, and what the scene's folder holds."""
+    """An estimate of a scene, the ground truth, and the masks that have been read so far."""
 
     folder: Path
     path: Path
@@ -189,7 +204,7 @@ class _Comparison:
     masks: dict[str, np.ndarray] = field(default_factory=dict)
 
     def mask(self, *names: str) -> np.ndarray:
-        """Union of regions, each of them there and with a pixel to compare."""
+        """Return the union of regions; each must exist and have a pixel to compare."""
         return reduce(np.logical_or, [self._region(name) for name in names])
 
     def _region(self, name: str) -> np.ndarray:
@@ -198,77 +213,75 @@ class _Comparison:
             h, w = self.truth.shape
             inside = np.s_[self.border : h - self.border, self.border : w - self.border]
             if not (mask & np.isfinite(self.truth))[inside].any():
-                lack = f"a pixel within the border in the mask of {name}"
-                raise MissingFile(f"{self.folder}: has not {lack}; choose another measure", lack)
+                missing = f"a pixel inside the border in the mask of {name}"
+                message = f"{self.folder}: does not have {missing}; choose another measure"
+                raise MissingFileError(message, missing)
             self.masks[name] = mask
         return self.masks[name]
 
     def score(self, measure: Callable[..., float], *regions: str, **options: object) -> float:
-        """A measure in the union of regions, everywhere if none is named."""
+        """Return a measure in the union of regions; everywhere without a region."""
         mask = self.mask(*regions) if regions else None
         return measure(self.estimate, self.truth, border=self.border, mask=mask, **options)
 
-    def angles(self, average: Callable[..., float], region: str) -> float:
-        """An average of the angles between normals in a region."""
+    def angle(self, average: Callable[..., float], region: str) -> float:
+        """Return the average angle between normals in a region."""
         calibration = read_calibration(self.folder)
         mask = self.mask(region)
-        return float(
-            average(
-                angular_errors(
-                    self.estimate, self.truth, calibration, border=self.border, mask=mask
-                )
-            )
-        )
+        maps = self.estimate, self.truth
+        return float(average(angular_errors(*maps, calibration, border=self.border, mask=mask)))
 
     def layers(self, measure: Callable[..., float], region: str) -> float:
-        """A measure that tells the foreground from the background."""
+        """Return a measure that compares the estimate with foreground and background."""
         mask = self.mask(region)
-        sides = {name: self.mask(name) for name in ("foreground", "background")}
-        return measure(self.estimate, self.truth, border=self.border, mask=mask, **sides)
+        layers = {name: self.mask(name) for name in ("foreground", "background")}
+        return measure(self.estimate, self.truth, border=self.border, mask=mask, **layers)
 
     def dots(self) -> float:
-        """Percentage of missed dots."""
+        """Return the percentage of missed dots."""
         dots = self.mask("dots_by_size")
         return missed_dots(self.estimate, self.truth, dots, border=self.border)
 
-    def behind_dots(self) -> float:
-        """Mean squared error behind the dots; other scenes have a background too."""
+    def dots_background(self) -> float:
+        """Return the mean squared error behind dots; other scenes have a background as well."""
         self.mask("dots_by_size")
         return self.score(mean_squared_error, "background")
 
 
 _Measure = Callable[[_Comparison], float]
 
+_bad_pix = partial(bad_pix, threshold=BAD_PIXEL_THRESHOLD)
+
 _MEASURES: dict[str, _Measure] = {
     "mse_x100": lambda c: 100.0 * c.score(mean_squared_error),
     "q25_x100": lambda c: 100.0 * c.score(q25),
     "runtime": lambda c: read_seconds(c.path),
-    "discontinuities": lambda c: c.score(bad_pix, "discontinuities", threshold=BAD),
+    "discontinuities": lambda c: c.score(_bad_pix, "discontinuities"),
     "discontinuities_mse_x100": lambda c: 100.0 * c.score(mean_squared_error, "discontinuities"),
     "bumpiness_planes": lambda c: 100.0 * c.score(bumpiness, "planes"),
     "bumpiness_smooth": lambda c: 100.0 * c.score(bumpiness, "smooth_surfaces"),
-    "normals_planes_median": lambda c: c.angles(np.median, "planes"),
-    "normals_planes_mean": lambda c: c.angles(np.mean, "planes"),
-    "normals_smooth_median": lambda c: c.angles(np.median, "smooth_surfaces"),
-    "normals_smooth_mean": lambda c: c.angles(np.mean, "smooth_surfaces"),
+    "normals_planes_median": lambda c: c.angle(np.median, "planes"),
+    "normals_planes_mean": lambda c: c.angle(np.mean, "planes"),
+    "normals_smooth_median": lambda c: c.angle(np.median, "smooth_surfaces"),
+    "normals_smooth_mean": lambda c: c.angle(np.mean, "smooth_surfaces"),
     "fine_fattening": lambda c: c.score(fattening, "fine_surrounding"),
     "fine_thinning": lambda c: c.score(thinning, "fine"),
     "backgammon_fattening": lambda c: c.layers(foreground_fattening, "foreground_fattening"),
     "backgammon_thinning": lambda c: c.layers(foreground_thinning, "foreground_thinning"),
     "dots_missed": _Comparison.dots,
-    "dots_background_mse_x100": lambda c: 100.0 * c.behind_dots(),
+    "dots_background_mse_x100": lambda c: 100.0 * c.dots_background(),
     "pyramids_bumpiness_slanted": lambda c: (
         100.0 * c.score(bumpiness, "pyramids", "sphere_in", "sphere_out")
     ),
     "pyramids_bumpiness_parallel": lambda c: 100.0 * c.score(bumpiness, "plane"),
-    "stripes_low_texture": lambda c: c.score(bad_pix, "low_texture", threshold=BAD),
-    "stripes_dark": lambda c: c.score(bad_pix, "high_contrast", threshold=BAD),
-    "stripes_bright": lambda c: c.score(bad_pix, "low_contrast", threshold=BAD),
+    "stripes_low_texture": lambda c: c.score(_bad_pix, "low_texture"),
+    "stripes_dark": lambda c: c.score(_bad_pix, "high_contrast"),
+    "stripes_bright": lambda c: c.score(_bad_pix, "low_contrast"),
 }
 
 
 def _measure(name: str) -> _Measure:
-    """What a name stands for."""
+    """Return the function of a measure."""
     if name in _MEASURES:
         return _MEASURES[name]
     try:
@@ -276,12 +289,12 @@ def _measure(name: str) -> _Measure:
     except ValueError:
         threshold = math.nan
     if math.isnan(threshold):
-        raise InputError(f"there is no measure {name!r}; there are {', '.join(metric_names())}")
+        raise InputError(f"there is no measure {name!r}; choose from {', '.join(metric_names())}")
     return lambda comparison: comparison.score(bad_pix, threshold=threshold)
 
 
 def _unit(name: str) -> str:
-    """Unit of a measure, in the table."""
+    """Return the unit of a measure, for the table."""
     if name == "runtime":
         return "s"
     if name.startswith("normals"):
@@ -289,8 +302,8 @@ def _unit(name: str) -> str:
     return "" if "mse" in name or "q25" in name or "bumpiness" in name else "%"
 
 
-def _read(folder: Path, estimate: Path, border: int) -> _Comparison:
-    """Both maps, which must fit each other."""
+def _read_comparison(folder: Path, estimate: Path, border: int) -> _Comparison:
+    """Read both maps and check that they fit each other."""
     truth_path = folder / GROUND_TRUTH
     truth = read_pfm(truth_path)
     estimated = read_disparity(estimate)

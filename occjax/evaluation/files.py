@@ -1,4 +1,4 @@
-"""Comparing disparity maps that lie in files."""
+"""Evaluation of disparity maps in files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def evaluate_files(
     thresholds: tuple[float, ...] = THRESHOLDS,
     border: int = BORDER,
 ) -> Metrics:
-    """Every measure of the paper's tables for two files.
+    """Compute all measures of the paper's tables for two files.
 
     Args:
         estimate_path: Estimated disparity ``[H, W]``, pixels per view step: a PFM, NPY or PNG file
@@ -27,14 +27,22 @@ def evaluate_files(
         ground_truth_path: True disparity ``[H, W]``: such a file, a folder of results, or the
             folder of a scene with ``gt_disp_lowres.pfm``.
         thresholds: Thresholds of BadPix, pixels per view step.
-        border: Pixels left out at each side of the image.
+        border: Pixels left out on each side of the image.
 
     Returns:
-        The measures; see :class:`occjax.evaluation.Metrics`.
+        The :class:`occjax.evaluation.Metrics`.
 
     Raises:
         InputError: If a file cannot be read as a disparity map, or the maps cannot be compared; the
             message names the files.
+
+    Example:
+        >>> import tempfile
+        >>> folder = Path(tempfile.mkdtemp())
+        >>> np.save(folder / "truth.npy", np.zeros((4, 5)))
+        >>> np.save(folder / "estimate.npy", np.full((4, 5), 0.5))
+        >>> evaluate_files(folder / "estimate.npy", folder / "truth.npy", border=0).mse_x100
+        25.0
     """
     estimate = read_disparity(estimate_path)
     if is_scene(ground_truth_path):
@@ -47,7 +55,7 @@ def evaluate_files(
 
 
 def read_disparity(path: Path | str) -> np.ndarray:
-    """Read one disparity map.
+    """Read a disparity map.
 
     Args:
         path: A ``.pfm``, ``.npy`` or ``.png`` file (:func:`occjax.io.read_map`), or a folder of
@@ -57,7 +65,7 @@ def read_disparity(path: Path | str) -> np.ndarray:
         ``[H, W]`` floating point, pixels per view step.
 
     Raises:
-        InputError: If the file does not hold one map of real numbers.
+        InputError: If the file does not contain one map of real numbers.
 
     Example:
         >>> import tempfile

@@ -1,14 +1,14 @@
 """The error measures of the HCI 4D benchmark and of the paper's tables.
 
-Both maps are compared in float64. A border of 15 pixels is left out, as the benchmark does.
+Maps are compared in float64. A border of 15 pixels is left out, as in the benchmark.
 
-Pixels without a value are treated as follows, for every measure here:
+All measures treat pixels without a value as follows:
 
-* no finite ground truth: the pixel is left out, as if masked;
-* no finite estimate: the pixel is *bad* at every threshold of BadPix, because leaving out the hard
-  pixels must not improve a score. The mean squared error and Q25 have no such worst value; like the
-  benchmark's toolkit they are taken over the pixels that have an estimate, and
-  :attr:`Metrics.missing` says how many have not.
+* Without finite ground truth, the pixel is left out, as if it were masked.
+* Without a finite estimate, the pixel is *bad* at every threshold of BadPix, so that a method
+  cannot improve its score by leaving out hard pixels. The mean squared error and Q25 have no worst
+  value. They are computed over the pixels that have an estimate, as in the benchmark's toolkit;
+  :attr:`Metrics.missing` counts the others.
 """
 
 from __future__ import annotations
@@ -21,23 +21,27 @@ import numpy as np
 from occjax.errors import InputError
 
 BORDER = 15
-"""Pixels left out at each side of the image by the HCI 4D benchmark."""
+"""Pixels that the HCI 4D benchmark leaves out on each side of the image."""
 
 THRESHOLDS = (0.07, 0.03, 0.01)
 """Thresholds of BadPix in the benchmark's and the paper's tables, in pixels per view step."""
 
+BAD_PIXEL_THRESHOLD = THRESHOLDS[0]
+"""Error above which a pixel counts as bad, in pixels per view step: the first threshold of the HCI
+benchmark."""
+
 
 @dataclass(frozen=True)
 class Metrics:
-    """How far an estimated disparity map is from the ground truth.
+    """Differences of an estimated disparity map from the ground truth.
 
     Attributes:
         mse_x100: Mean squared error times 100.
-        badpix: Percentage of bad pixels for each threshold, in the order asked for.
+        badpix: Percentage of bad pixels for each threshold, in the requested order.
         q25_x100: Largest absolute error of the best quarter of the pixels, times 100.
-        pixels: Number of pixels compared.
-        missing: How many of them have no finite estimate.
-        border: Pixels left out at each side of the image.
+        pixels: Number of compared pixels.
+        missing: Number of compared pixels without a finite estimate.
+        border: Pixels left out on each side of the image.
     """
 
     mse_x100: float
@@ -48,7 +52,7 @@ class Metrics:
     border: int
 
     def as_dict(self) -> dict[str, float | int | dict[str, float]]:
-        """The same numbers with names that JSON allows: thresholds become strings."""
+        """Return the numbers as a dictionary for JSON; thresholds become strings."""
         return {
             "mse_x100": self.mse_x100,
             "badpix": {f"{threshold:g}": percent for threshold, percent in self.badpix.items()},
@@ -59,7 +63,7 @@ class Metrics:
         }
 
     def table(self) -> str:
-        """A table for people, one measure a line, with three decimals."""
+        """Return a text table: one measure per line, three decimals."""
         rows = [
             ("MSE x100", f"{self.mse_x100:.3f}"),
             *((f"BadPix {t:g}", f"{percent:.3f} %") for t, percent in self.badpix.items()),
@@ -80,21 +84,21 @@ def evaluate(
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> Metrics:
-    """Every measure of the paper's tables at once.
+    """Compute all measures of the paper's tables.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
         ground_truth: ``[H, W]`` true disparity, pixels per view step.
         thresholds: Thresholds of BadPix, pixels per view step; at least one.
-        border: Pixels left out at each side of the image.
-        mask: ``[H, W]`` of booleans: True where to compare. None compares everywhere.
+        border: Pixels left out on each side of the image.
+        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
 
     Returns:
-        The measures; see :class:`Metrics`.
+        The :class:`Metrics`.
 
     Raises:
-        InputError: If the sizes differ, there is no threshold, a threshold or the border is
-            negative or a threshold not finite, or nothing is left to compare.
+        InputError: If the sizes differ, no pixel is left to compare, the border is negative, there
+            is no threshold, or a threshold is negative or not finite.
 
     Example:
         >>> truth = np.zeros((40, 40))
@@ -109,7 +113,7 @@ def evaluate(
         pixels       100 (border of 15 left out)
     """
     if not thresholds:
-        raise InputError("no BadPix threshold is given; pass one or more in pixels per view step")
+        raise InputError("no BadPix threshold; pass at least one, in pixels per view step")
     errors = _absolute_errors(estimate, ground_truth, border, mask)
     return Metrics(
         mse_x100=100.0 * _mean_squared(errors),
@@ -129,9 +133,27 @@ def bad_pix(
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> float:
-    """Percentage of pixels whose absolute error is strictly above ``threshold``.
+    """Compute the percentage of pixels whose absolute error is strictly above a threshold.
 
-    Takes and raises what :func:`evaluate` does. Pixels without an estimate are bad.
+    Pixels without an estimate are bad.
+
+    Args:
+        estimate: ``[H, W]`` estimated disparity, pixels per view step.
+        ground_truth: ``[H, W]`` true disparity, pixels per view step.
+        threshold: Error above which a pixel is bad, pixels per view step.
+        border: Pixels left out on each side of the image.
+        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
+
+    Returns:
+        Percentage of the compared pixels.
+
+    Raises:
+        InputError: If the sizes differ, no pixel is left to compare, or the border or
+            the threshold is negative.
+
+    Example:
+        >>> bad_pix(np.array([[0.0, 0.05, 0.5, np.nan]]), np.zeros((1, 4)), 0.07, border=0)
+        50.0
     """
     return _percent_above(_absolute_errors(estimate, ground_truth, border, mask), threshold)
 
@@ -143,9 +165,24 @@ def mean_squared_error(
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> float:
-    """Mean squared error in squared pixels per view step (the tables print 100 times it).
+    """Compute the mean squared error. Pixels without an estimate are left out.
 
-    Takes and raises what :func:`evaluate` does. Pixels without an estimate are left out.
+    Args:
+        estimate: ``[H, W]`` estimated disparity, pixels per view step.
+        ground_truth: ``[H, W]`` true disparity, pixels per view step.
+        border: Pixels left out on each side of the image.
+        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
+
+    Returns:
+        Squared pixels per view step; result tables print it times 100.
+
+    Raises:
+        InputError: If the sizes differ, no pixel is left to compare, or the border is
+            negative.
+
+    Example:
+        >>> mean_squared_error(np.array([[0.0, 0.5, np.nan]]), np.zeros((1, 3)), border=0)
+        0.125
     """
     return _mean_squared(_absolute_errors(estimate, ground_truth, border, mask))
 
@@ -157,9 +194,27 @@ def q25(
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> float:
-    """The sorted absolute errors' entry ``floor(N / 4)`` (the tables print 100 times it).
+    """Compute the largest absolute error of the best quarter of the pixels.
 
-    Takes and raises what :func:`evaluate` does. Pixels without an estimate are left out.
+    It is the entry ``floor(N / 4)`` of the N sorted errors. Pixels without an estimate are left
+    out.
+
+    Args:
+        estimate: ``[H, W]`` estimated disparity, pixels per view step.
+        ground_truth: ``[H, W]`` true disparity, pixels per view step.
+        border: Pixels left out on each side of the image.
+        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
+
+    Returns:
+        Pixels per view step; result tables print it times 100.
+
+    Raises:
+        InputError: If the sizes differ, no pixel is left to compare, or the border is
+            negative.
+
+    Example:
+        >>> q25(np.array([[0.4, 0.1, 0.2, 0.3]]), np.zeros((1, 4)), border=0)
+        0.2
     """
     return _first_quartile(_absolute_errors(estimate, ground_truth, border, mask))
 
@@ -171,19 +226,19 @@ def compared_pixels(
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Which pixels are compared: within the border and the mask, where the truth is known.
+    """Return the pixels that are compared: inside border and mask, with finite ground truth.
 
     Args:
         estimate: ``[H, W]`` estimated disparity.
         ground_truth: ``[H, W]`` true disparity.
-        border: Pixels left out at each side of the image.
-        mask: ``[H, W]`` of booleans: True where to compare. None compares everywhere.
+        border: Pixels left out on each side of the image.
+        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
 
     Returns:
-        ``[H, W]`` of booleans, at least one of them True.
+        ``[H, W]`` boolean, True for at least one pixel.
 
     Raises:
-        InputError: If the sizes differ, the border is negative, or nothing is left to compare.
+        InputError: If the sizes differ, the border is negative, or no pixel is left to compare.
 
     Example:
         >>> compared_pixels(np.zeros((3, 4)), np.zeros((3, 4)), border=1).astype(int)
@@ -204,14 +259,14 @@ def compared_pixels(
     if mask is not None and mask.shape != ground_truth.shape:
         raise InputError(
             f"mask is {list(mask.shape)} but the maps are {list(ground_truth.shape)}; "
-            "pass one boolean a pixel"
+            "pass one boolean per pixel"
         )
     if border < 0:
         raise InputError(f"border is {border}; pass 0 or more pixels")
     h, w = ground_truth.shape
     if min(h, w) <= 2 * border:
         raise InputError(
-            f"maps of {h}x{w} have nothing inside a border of {border} pixels; "
+            f"maps of {h}x{w} have no pixel inside a border of {border} pixels; "
             "pass a smaller border"
         )
     inside = np.s_[border : h - border, border : w - border]
@@ -221,7 +276,7 @@ def compared_pixels(
         compared &= np.asarray(mask, bool)
     if not compared.any():
         raise InputError(
-            "no pixel to compare: all are masked or without finite ground truth; check the mask"
+            "no pixel to compare: all are masked or have no finite ground truth; check the mask"
         )
     return compared
 
@@ -229,13 +284,13 @@ def compared_pixels(
 def _absolute_errors(
     estimate: np.ndarray, ground_truth: np.ndarray, border: int, mask: np.ndarray | None
 ) -> np.ndarray:
-    """``[N]`` absolute errors of the pixels to compare; infinite where there is no estimate."""
+    """Return ``[N]`` absolute errors of the compared pixels; infinite without an estimate."""
     compared = compared_pixels(estimate, ground_truth, border=border, mask=mask)
     estimated = np.asarray(estimate)[compared].astype(np.float64)
     true = np.asarray(ground_truth)[compared].astype(np.float64)
     present = np.isfinite(estimated)
     if not present.any():
-        raise InputError("the estimate has no finite value where it is compared; estimate it again")
+        raise InputError("the estimate has no finite value at the compared pixels; check the map")
     errors = np.full(true.shape, np.inf)
     errors[present] = np.abs(estimated[present] - true[present])
     return errors

@@ -1,8 +1,8 @@
-"""How far surfaces are turned away from the true ones.
+"""Errors of surface normals.
 
-A slightly tilted surface has small errors of disparity everywhere, but its shading, and whatever is
-reconstructed from it, is wrong. So the HCI 4D benchmark measures the angle between the estimated
-and the true normal. Normals need metric depth, that is the camera's calibration.
+A slightly tilted surface has small disparity errors everywhere, but its shading and reconstructions
+from it are wrong. The HCI 4D benchmark therefore measures the angle between the estimated and the
+true normal. Normals need metric depth, and that needs the camera's calibration.
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, compared_pixels
 from occjax.lightfield import Calibration
-from occjax.ops.depth import back_project, depth_from_disparity
-from occjax.ops.normals import surface_normals
-from occjax.ops.precision import in_double
+from occjax.ops.geometry import back_project, depth_from_disparity, in_double, surface_normals
 
-EDGE_ON = 90.0
-"""Angle in degrees for a pixel without an estimated surface: as if it were seen edge-on."""
+MISSING_NORMAL_DEGREES = 90.0
+"""Error, in degrees, of a pixel without an estimated normal."""
 
 
 def angular_errors(
@@ -31,26 +29,26 @@ def angular_errors(
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Angle between the estimated and the true normal at each pixel that is compared.
+    """Compute the angle between the estimated and the true normal at each compared pixel.
 
-    Normals are those of plain differences of neighbouring points, also where a surface ends: an
-    estimate must not gain by what its own steps hide. A pixel without an estimate counts as 90
-    degrees off; one without a true normal is left out. The benchmark prints the median, on planes
+    Normals are central differences of neighbouring points, also across the ends of surfaces, so
+    that false steps in an estimate are not hidden. A pixel without an estimate has an error of 90
+    degrees; a pixel without a true normal is left out. The benchmark reports the median, on planes
     and on other smooth surfaces.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
         ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        calibration: Of the cameras.
-        border: Pixels left out at each side of the image.
-        mask: ``[H, W]`` of booleans: True on the surfaces. None is everywhere.
+        calibration: Camera parameters.
+        border: Pixels left out on each side of the image.
+        mask: ``[H, W]`` boolean, True on the surfaces; None for all pixels.
 
     Returns:
-        ``[N]`` degrees, row by row.
+        ``[N]`` degrees, in row-major order of the compared pixels.
 
     Raises:
-        InputError: If the maps do not fit each other, are too small to have neighbours in both
-            directions, or nothing is left to compare.
+        InputError: If the maps do not fit each other, have fewer than 2 rows or columns, or no
+            pixel is left to compare.
 
     Example:
         >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
@@ -58,11 +56,11 @@ def angular_errors(
         >>> angular_errors(wall + 0.3, wall, camera, border=2).round(6).tolist()
         [0.0]
     """
-    compared_pixels(estimate, ground_truth, border=border, mask=mask)  # the sizes, first of all
+    compared_pixels(estimate, ground_truth, border=border, mask=mask)  # checks the sizes first
     if min(ground_truth.shape) < 2:
         raise InputError(
-            f"a map of {list(ground_truth.shape)} has no normals; it needs 2 pixels in each "
-            "direction"
+            f"a map of {list(ground_truth.shape)} has no normals; it needs at least 2 pixels in "
+            "each direction"
         )
     true = in_double(_normals, ground_truth, calibration)
     known = np.isfinite(true).all(-1)
@@ -71,10 +69,10 @@ def angular_errors(
     )
     true = true[pixels]
     estimated = in_double(_normals, estimate, calibration)[pixels]
-    # The arc cosine of the product would lose small angles to rounding.
+    # The arc cosine of the scalar product would round small angles to zero.
     sine = np.linalg.norm(np.cross(estimated, true), axis=-1)
     angles = np.degrees(np.arctan2(sine, np.sum(estimated * true, axis=-1)))
-    return np.where(np.isnan(angles), EDGE_ON, angles)
+    return np.where(np.isnan(angles), MISSING_NORMAL_DEGREES, angles)
 
 
 def _normals(disparity: jax.Array, calibration: Calibration) -> jax.Array:

@@ -1,11 +1,11 @@
-"""What a scene's folder of the HCI 4D benchmark holds for the evaluation.
+"""Files of an HCI 4D benchmark scene that the evaluation reads.
 
-``gt_disp_lowres.pfm`` is the ground truth, ``parameters.cfg`` the calibration. A region called NAME
-is the not black part of the first of these images that is there:
+``gt_disp_lowres.pfm`` is the ground truth and ``parameters.cfg`` the calibration. The mask of a
+region NAME is the first of these images that exists; pixels that are not black belong to it:
 
-* ``mask_NAME_lowres.png`` or ``mask_NAME.png``, of the benchmark;
-* ``masks/NAME.png``, of :mod:`occjax.render`;
-* ``mask_NAME_highres.png``, of the benchmark, of which the middle of each pixel is taken.
+* ``mask_NAME_lowres.png`` or ``mask_NAME.png`` of the benchmark;
+* ``masks/NAME.png`` of a rendered scene;
+* ``mask_NAME_highres.png`` of the benchmark, sampled at the middle of each pixel.
 """
 
 from __future__ import annotations
@@ -24,19 +24,14 @@ from occjax.lightfield import Calibration
 GROUND_TRUTH = "gt_disp_lowres.pfm"
 PARAMETERS = "parameters.cfg"
 
-MASK_FILES = (
-    "mask_{}_lowres.png",
-    "mask_{}.png",
-    "masks/{}.png",
-    "mask_{}_highres.png",
-)
+MASK_FILES = ("mask_{}_lowres.png", "mask_{}.png", "masks/{}.png", "mask_{}_highres.png")
 
 
-class MissingFile(InputError):
-    """A scene lacks what a measure needs.
+class MissingFileError(InputError):
+    """A scene does not have a file, or content of a file, that a measure needs.
 
     Attributes:
-        missing: What it lacks: the name of a file, or what is wrong with it.
+        missing: Name of the file, or description of the missing content.
     """
 
     def __init__(self, message: str, missing: str) -> None:
@@ -45,7 +40,13 @@ class MissingFile(InputError):
 
 
 def is_scene(path: Path | str) -> bool:
-    """Whether a path is the folder of a scene with ground truth.
+    """Return whether a path is the folder of a scene with ground truth.
+
+    Args:
+        path: File or folder; need not exist.
+
+    Returns:
+        True if it is a folder with a ``gt_disp_lowres.pfm``.
 
     Example:
         >>> is_scene("estimate.pfm")
@@ -55,18 +56,18 @@ def is_scene(path: Path | str) -> bool:
 
 
 def read_mask(folder: Path | str, name: str, size: tuple[int, int]) -> np.ndarray:
-    """One region of a scene.
+    """Read the mask of a region of a scene.
 
     Args:
-        folder: Of the scene.
-        name: Of the region, such as ``planes``; see above for the files.
+        folder: Folder of the scene.
+        name: Name of the region, such as ``planes``.
         size: ``(H, W)`` of the scene's disparity map.
 
     Returns:
-        ``[H, W]`` of booleans.
+        ``[H, W]`` boolean, True inside the region.
 
     Raises:
-        MissingFile: If the scene has no such region.
+        MissingFileError: If the scene has no such mask.
         InputError: If the file is damaged or its size does not fit.
 
     Example:
@@ -81,36 +82,33 @@ def read_mask(folder: Path | str, name: str, size: tuple[int, int]) -> np.ndarra
     candidates = [folder / file.format(name) for file in MASK_FILES]
     path = next((candidate for candidate in candidates if candidate.is_file()), None)
     if path is None:
-        wanted = MASK_FILES[0].format(name)
-        raise MissingFile(
-            f"{folder / wanted}: there is no such mask, nor {MASK_FILES[2].format(name)}; "
+        expected = MASK_FILES[0].format(name)
+        raise MissingFileError(
+            f"{folder / expected}: there is no such mask and no {MASK_FILES[2].format(name)}; "
             "copy it from the benchmark's scene",
-            wanted,
+            expected,
         )
     mask = read_image(path).any(axis=-1)
     factor = max(1, mask.shape[0] // size[0])
     if mask.shape != (factor * size[0], factor * size[1]):
         raise InputError(
             f"{path}: is {list(mask.shape)}, but the disparity is {list(size)}; "
-            "a mask has the same size or a whole multiple of it"
+            "a mask must have the same size or a whole multiple of it"
         )
     return mask[factor // 2 :: factor, factor // 2 :: factor]
 
 
 def read_calibration(folder: Path | str) -> Calibration:
-    """The camera of a scene.
-
-    Args:
-        folder: Of the scene.
+    """Read the camera parameters of a scene.
 
     Raises:
-        MissingFile: If it has no ``parameters.cfg``.
+        MissingFileError: If the folder has no ``parameters.cfg``.
         InputError: If that file is damaged.
     """
     path = Path(folder) / PARAMETERS
     if not path.is_file():
-        raise MissingFile(
-            f"{path}: there is no such file, and normals need the camera's calibration; "
+        raise MissingFileError(
+            f"{path}: there is no such file, but normals need the camera's calibration; "
             "copy it from the benchmark's scene",
             PARAMETERS,
         )
@@ -118,15 +116,19 @@ def read_calibration(folder: Path | str) -> Calibration:
 
 
 def read_seconds(estimate: Path | str) -> float:
-    """How long an estimate took.
+    """Read the run time of an estimate, in seconds.
+
+    The time is that of the phase ``run`` in the ``summary.json`` in the folder of the map, or the
+    number in ``../runtimes/NAME.txt`` of a benchmark submission.
 
     Args:
-        estimate: Disparity map or folder of results. The time is that of the phase ``run`` in the
-            ``summary.json`` beside the map, or the number in ``../runtimes/NAME.txt`` of a
-            benchmark submission.
+        estimate: Disparity map or folder of results.
+
+    Returns:
+        Seconds.
 
     Raises:
-        MissingFile: If it is not recorded.
+        MissingFileError: If the time is not recorded.
         InputError: If the record is damaged.
 
     Example:
@@ -142,8 +144,8 @@ def read_seconds(estimate: Path | str) -> float:
     summary = folder / "summary.json"
     path = submitted if folder.name == "disp_maps" else summary
     if not path.is_file():
-        raise MissingFile(
-            f"{path}: there is no such file, so the runtime is not known; "
+        raise MissingFileError(
+            f"{path}: there is no such file, so the run time is unknown; "
             "pass the folder that occjax estimate wrote",
             path.name,
         )
@@ -152,7 +154,7 @@ def read_seconds(estimate: Path | str) -> float:
     try:
         seconds = float(json.loads(text)["seconds"]["run"] if path == summary else text)
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: does not say how many seconds it took; remove it") from error
+        raise InputError(f"{path}: contains no run time in seconds; remove the file") from error
     if not 0.0 <= seconds < float("inf"):
-        raise InputError(f"{path}: {seconds:g} is no number of seconds; remove it")
+        raise InputError(f"{path}: {seconds:g} is not a run time in seconds; remove the file")
     return seconds

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +9,11 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
+from occjax.io.files import decoding
 from occjax.lightfield import LightField
 
-EXTRAS = ("ground_truth", "disparity_range", "positions")
-"""Fields of a light field that an ``.npz`` may have beside ``views``."""
+OPTIONAL_FIELDS = ("ground_truth", "disparity_range", "positions")
+"""Fields of a light field that an ``.npz`` may contain in addition to ``views``."""
 
 
 def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
@@ -23,15 +21,19 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
 
     Args:
         path: File with views ``[V, U, H, W]`` or ``[V, U, H, W, C]``: uint8, uint16, or floating
-            point in [0, 1]; a fourth channel (alpha) is dropped. An ``.npz`` keeps them under
-            ``views`` or as its only array, and may have ``ground_truth`` ``[H, W]``,
-            ``disparity_range`` ``[2]`` and ``positions`` ``[V, U, 2]`` beside ``views``, in upper
-            or lower case.
-        key: Name of the views in the ``.npz``, if another. Further arrays may then be there; they
-            are not read.
+            point in [0, 1]; a fourth channel (alpha) is dropped. An ``.npz`` stores them as
+            ``views`` or as its only array. In addition to ``views`` it may contain
+            ``ground_truth`` ``[H, W]`` and ``disparity_range`` ``[2]``, both in pixels per view
+            step, and ``positions`` ``[V, U, 2]``, the ``(row, column)`` of each camera in view
+            steps. Upper and lower case of the names do not matter.
+        key: Name of the views in an ``.npz``, if it is not ``views``. Arrays of unknown names are
+            then ignored.
+
+    Returns:
+        The light field, named after the file.
 
     Raises:
-        InputError: If the file cannot be read, has arrays of unknown names, or its values are no
+        InputError: If the file cannot be read, has arrays of unknown names, or does not contain a
             light field.
 
     Example:
@@ -42,31 +44,29 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
         (3, 3, 8, 8, 1)
     """
     path = Path(path)
-    arrays = _arrays(path)
-    views = check_views(path, _choose(path, arrays, key))
-    extras = _extras(path, arrays, key)
-    if "ground_truth" in extras:
-        extras["ground_truth"] = check_ground_truth(path, extras["ground_truth"], views.shape[2:4])
-    if "disparity_range" in extras:
-        low, high = _pair(path, extras["disparity_range"])
-        extras["disparity_range"] = (low, high)
-    if "positions" in extras:
-        if extras["positions"].shape != (*views.shape[:2], 2):
-            raise InputError(
-                f"{path}: positions are {list(extras['positions'].shape)}, not [V, U, 2]; "
-                "write one (row, column) for each view"
-            )
-        positions = extras["positions"] = extras["positions"].astype(np.float32)
-        several = positions.shape[0] * positions.shape[1] > 1
-        if not np.isfinite(positions).all() or (several and not np.ptp(positions, (0, 1)).any()):
-            raise InputError(f"{path}: positions are all the same or not finite; correct them")
-    return LightField(views=views, name=path.stem, source=path, **extras)
+    arrays = _load(path)
+    views = check_views(path, _find_views(path, arrays, key))
+    fields = _optional_fields(path, arrays, key)
+    if "ground_truth" in fields:
+        fields["ground_truth"] = check_ground_truth(path, fields["ground_truth"], views.shape[2:4])
+    if "disparity_range" in fields:
+        fields["disparity_range"] = _check_range(path, fields["disparity_range"])
+    if "positions" in fields:
+        fields["positions"] = _check_positions(path, fields["positions"], views.shape[:2])
+    return LightField(views=views, name=path.stem, source=path, **fields)
 
 
 def write_arrays(path: str | Path, light_field: LightField) -> None:
     """Write a light field to an ``.npz`` that :func:`read_arrays` reads, atomically.
 
-    Calibration is not kept.
+    The calibration is not stored.
+
+    Args:
+        path: File to write; an existing file is replaced.
+        light_field: Views ``[V, U, H, W, C]`` with their optional fields.
+
+    Raises:
+        InputError: If the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -75,7 +75,7 @@ def write_arrays(path: str | Path, light_field: LightField) -> None:
         >>> read_arrays(path).grid
         (3, 3)
     """
-    fields = {name: getattr(light_field, name) for name in EXTRAS}
+    fields = {name: getattr(light_field, name) for name in OPTIONAL_FIELDS}
     present: dict[str, Any] = {
         name: np.asarray(value) for name, value in fields.items() if value is not None
     }
@@ -83,13 +83,35 @@ def write_arrays(path: str | Path, light_field: LightField) -> None:
         np.savez_compressed(file, views=light_field.views, **present)
 
 
-def check_views(path: Path, views: np.ndarray) -> np.ndarray:
-    """Views as ``[V, U, H, W, C]`` uint8, uint16 or float32 in [0, 1], with C of 1 or 3.
+def read_npy(path: Path) -> np.ndarray:
+    """Read one array from an ``.npy`` file; pickled objects are refused.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The array, of any shape and numeric type.
 
     Raises:
-        InputError: If shape, type or values are none that a light field can have.
+        InputError: If the file cannot be read or is an archive of arrays.
     """
-    if views.ndim == 4 and views.shape[-1] > 4:  # else views in one row: [N, H, W, C]
+    arrays = _load(path)
+    if list(arrays) != [""]:
+        raise InputError(f"{path}: is an .npz archive named .npy; rename it")
+    return arrays[""]
+
+
+def check_views(path: Path, views: np.ndarray) -> np.ndarray:
+    """Return views as ``[V, U, H, W, C]`` uint8, uint16 or float32 in [0, 1], with C of 1 or 3.
+
+    Args:
+        path: File or folder that the views come from, for messages.
+        views: ``[V, U, H, W]`` or ``[V, U, H, W, C]`` with C up to 4; an alpha channel is dropped.
+
+    Raises:
+        InputError: If the shape, type or values are not those of a light field.
+    """
+    if views.ndim == 4 and views.shape[-1] > 4:  # four axes may also be [N, H, W, C]
         views = views[..., None]
     if views.ndim != 5 or views.shape[-1] not in (1, 2, 3, 4) or 0 in views.shape:
         raise InputError(
@@ -121,10 +143,15 @@ def check_views(path: Path, views: np.ndarray) -> np.ndarray:
 
 
 def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
-    """Ground truth as ``[H, W]`` float32.
+    """Return ground truth as ``[H, W]`` float32.
+
+    Args:
+        path: File that it comes from, for messages.
+        disparity: Array of any shape and type.
+        size: ``(H, W)`` of the views, in pixels.
 
     Raises:
-        InputError: If it is not of the size of the views.
+        InputError: If it does not consist of numbers or does not have the size of the views.
     """
     if disparity.shape != tuple(size) or not np.issubdtype(disparity.dtype, np.number):
         raise InputError(
@@ -134,78 +161,71 @@ def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...])
     return np.ascontiguousarray(disparity, np.float32)
 
 
-def read_npy(path: Path) -> np.ndarray:
-    """One array from an ``.npy`` file, never a pickle."""
-    arrays = _arrays(path)
-    if list(arrays) != [""]:
-        raise InputError(f"{path}: is an .npz archive named .npy; rename it")
-    return arrays[""]
-
-
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of the file by name; that of an ``.npy`` file has none. Never a pickle."""
-    with reading(path), path.open("rb") as file:
-        if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
-            raise InputError(f"{path}: not a NumPy file; save the array or copy the file again")
-        file.seek(0)
-        try:
-            loaded = np.load(file, allow_pickle=False)
-            return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
-        except MemoryError as error:
-            raise InputError(
-                f"{path}: its header asks for more memory than there is; save the array again, or "
-                "cut the light field into smaller ones"
-            ) from error
-        except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            if "Object arrays" in str(error):
-                raise InputError(
-                    f"{path}: holds pickled objects, which may run code; save a plain array instead"
-                ) from error
-            raise InputError(
-                f"{path}: not a whole NumPy file; save the array or copy the file again"
-            ) from error
-
-
-def _choose(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.ndarray:
-    """The array that holds the views."""
-    if key is None and len(arrays) == 1:
-        return next(iter(arrays.values()))
-    wanted = key or "views"
-    named = {wanted: arrays[wanted]} if wanted in arrays else _lower(path, arrays)
-    if wanted not in named:
-        names = ", ".join(name for name in arrays if name) or "none"
-        example = next((name for name in arrays if name), "NAME")
-        raise InputError(
-            f"{path}: has no array {wanted!r} (it has: {names}); pass key (--key {example})"
-        )
-    return named[wanted]
-
-
-def _extras(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> dict[str, Any]:
-    """What is known about the views beside them; refuses what is not understood."""
-    if key is None and len(arrays) == 1:
-        return {}
-    views = "views" if key is None else key.lower()
-    named = _lower(path, arrays)
-    unknown = [name for name in arrays if name.lower() not in (views, *EXTRAS)]
-    if unknown and key is None:
-        raise InputError(
-            f"{path}: has unknown keys ({', '.join(unknown)}); known are views, "
-            f"{', '.join(EXTRAS)}; rename or remove the others, or pass key (--key views)"
-        )
-    return {name: named[name] for name in EXTRAS if name in named}
-
-
-def _lower(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays by their names in lower case."""
-    lower = {name.lower(): array for name, array in arrays.items()}
-    if len(lower) < len(arrays):
-        raise InputError(f"{path}: has keys that differ in case alone; remove one of them")
-    return lower
-
-
-def _pair(path: Path, values: np.ndarray) -> tuple[float, float]:
-    """Minimum and maximum."""
+def _check_range(path: Path, values: np.ndarray) -> tuple[float, float]:
+    """Return the disparity range as (minimum, maximum)."""
     if values.shape != (2,) or not values[0] < values[1]:
         raise InputError(f"{path}: disparity_range is {values.tolist()}; write (minimum, maximum)")
     return float(values[0]), float(values[1])
+
+
+def _check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) -> np.ndarray:
+    """Return camera positions as ``[V, U, 2]`` float32."""
+    if positions.shape != (*grid, 2):
+        raise InputError(
+            f"{path}: positions are {list(positions.shape)}, not [V, U, 2]; "
+            "write one (row, column) for each view"
+        )
+    positions = positions.astype(np.float32)
+    identical = grid != (1, 1) and not np.ptp(positions, (0, 1)).any()
+    if identical or not np.isfinite(positions).all():
+        raise InputError(f"{path}: positions are all the same or not finite; correct them")
+    return positions
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    """Return all arrays of a file by name; the array of an ``.npy`` file has the name ``""``."""
+    remedy = "save the array or copy the file again"
+    with decoding(path, "a NumPy file", remedy=remedy), path.open("rb") as file:
+        if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
+            raise ValueError("it has another signature")
+        file.seek(0)
+        loaded = np.load(file, allow_pickle=False)
+        return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+
+
+def _find_views(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.ndarray:
+    """Return the array that contains the views."""
+    if key is None and len(arrays) == 1:
+        return next(iter(arrays.values()))
+    name = key or "views"
+    named = arrays if name in arrays else _lower_case(path, arrays)
+    if name not in named:
+        names = [name for name in arrays if name]
+        raise InputError(
+            f"{path}: has no array {name!r} (it has: {', '.join(names) or 'none'}); "
+            f"pass key (--key {names[0] if names else 'NAME'})"
+        )
+    return named[name]
+
+
+def _optional_fields(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> dict[str, Any]:
+    """Return the arrays other than the views; unknown names are refused."""
+    if key is None and len(arrays) == 1:
+        return {}
+    known = ("views" if key is None else key.lower(), *OPTIONAL_FIELDS)
+    named = _lower_case(path, arrays)
+    unknown = [name for name in arrays if name.lower() not in known]
+    if unknown and key is None:
+        raise InputError(
+            f"{path}: has unknown keys ({', '.join(unknown)}); known are {', '.join(known)}; "
+            "rename or remove the others, or pass key (--key views)"
+        )
+    return {name: named[name] for name in OPTIONAL_FIELDS if name in named}
+
+
+def _lower_case(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the arrays by their names in lower case."""
+    named = {name.lower(): array for name, array in arrays.items()}
+    if len(named) < len(arrays):
+        raise InputError(f"{path}: has keys that differ only in case; remove one of them")
+    return named

@@ -1,7 +1,7 @@
-"""Files and folders that appear whole or not at all.
+"""Atomic writing: files and folders appear complete or not at all.
 
-A writer works on a temporary name beside the final one, so that an error, a full disk or an
-interrupted run leaves nothing half-written where the user looks for the result.
+A writer fills a temporary file or folder next to the final one, which is renamed at the end. An
+error, a full disk or an interrupted run leaves no incomplete result.
 """
 
 from __future__ import annotations
@@ -17,19 +17,32 @@ from pathlib import Path
 from occjax.errors import InputError
 
 
+class CannotWriteError(InputError):
+    """A file or folder cannot be written.
+
+    Attributes:
+        path: The file or folder.
+        reason: Why, in a few words.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: cannot be written ({reason}); choose another place")
+        self.path, self.reason = path, reason
+
+
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Write one file atomically.
 
     Args:
-        path: Where the file shall be. Missing parent folders are made; a file there is replaced.
+        path: File to write. Missing parent folders are created; an existing file is replaced.
 
     Yields:
-        A path in the same folder and with the same suffix, for the body to write. It becomes
-        ``path`` when the body ends, and is removed when the body raises.
+        A temporary path in the same folder and with the same suffix, which the body writes. It is
+        renamed to ``path`` when the body ends, and removed when the body raises.
 
     Raises:
-        InputError: If nothing can be written there.
+        InputError: If the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -40,7 +53,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         ['note.txt']
     """
     path = Path(path)
-    temporary = _temporary_beside(path)
+    temporary = _temporary_path(path)
     try:
         with _writing(path, temporary):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -56,18 +69,18 @@ def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[
     """Write a folder of files atomically.
 
     Args:
-        path: Where the folder shall be. A folder that is there already is kept: files written now
-            replace those of the same name, one by one, once all of them are complete and none of
-            their names is taken by a folder; files the body did not write stay untouched, since
-            they may be the user's.
-        owned: Names of files in the folder that are the body's to write: those it did not write
-            this time are left from an earlier time, and are removed.
+        path: Folder to write. If it exists, the new files replace those of the same name, one by
+            one, after all of them are complete and no folder has one of their names. Other files
+            in it are kept, since they may be the user's.
+        owned: Names of files that belong to the writer: those that the body does not write are
+            remains of an earlier run and are removed.
 
     Yields:
-        An empty folder, inside ``path`` if that is there and else beside it, for the body to fill.
+        An empty temporary folder for the body to fill. It is inside ``path`` if that exists,
+        otherwise next to it.
 
     Raises:
-        InputError: If nothing can be written there.
+        InputError: If the folder cannot be written.
 
     Example:
         >>> import tempfile
@@ -78,9 +91,9 @@ def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[
         ['summary.json']
     """
     path = Path(path)
-    # A folder that is there may be the root of a file system: what is beside it is on another one,
-    # from where files cannot be renamed into it.
-    temporary = _temporary_beside(path / "new" if path.is_dir() else path)
+    # An existing folder may be the root of a file system. A folder next to it would be on another
+    # one, and files cannot be renamed across file systems.
+    temporary = _temporary_path(path / "new" if path.is_dir() else path)
     try:
         with _writing(path, temporary):
             temporary.mkdir(parents=True)
@@ -89,7 +102,7 @@ def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[
     except CannotWriteError as error:
         if not error.path.is_relative_to(temporary):
             raise
-        # The temporary folder is gone when the message is read.
+        # The temporary folder no longer exists when the user reads the message.
         final = path / error.path.relative_to(temporary)
         raise CannotWriteError(final, error.reason) from error
     finally:
@@ -97,15 +110,15 @@ def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[
 
 
 def check_writable(folder: str | Path) -> None:
-    """Find out whether a folder can be written, before the work whose results shall go there.
+    """Verify that a folder can be written, before a long computation whose results go there.
 
-    Tries it: whatever is made to find out is removed again.
+    The test creates the folder and a folder in it, and removes both again.
 
     Args:
-        folder: A folder that may be there or not yet.
+        folder: A folder, which may not exist yet.
 
     Raises:
-        InputError: If it is a file, or cannot be made or written.
+        InputError: If it is a file, or cannot be created or written.
 
     Example:
         >>> import tempfile
@@ -113,7 +126,7 @@ def check_writable(folder: str | Path) -> None:
         >>> check_writable(path / "today")
         >>> path.exists()
         False
-        >>> _ = path.write_text("in the way")
+        >>> _ = path.write_text("a file")
         >>> try:
         ...     check_writable(path)
         ... except InputError as error:
@@ -121,39 +134,26 @@ def check_writable(folder: str | Path) -> None:
         : cannot be written (it is a file); choose another place
     """
     folder = Path(folder)
-    made: list[Path] = []
+    created: list[Path] = []
     try:
         missing = list(takewhile(lambda place: not place.exists(), (folder, *folder.parents)))
         present = missing[-1].parent if missing else folder
         if not present.is_dir():
             itself = "it" if present == folder else present
             raise CannotWriteError(folder, f"{itself} is a file")
-        for place in (*reversed(missing), _temporary_beside(folder / "new")):
+        for place in (*reversed(missing), _temporary_path(folder / "new")):
             place.mkdir()
-            made.append(place)
+            created.append(place)
     except OSError as error:
         raise CannotWriteError(folder, _reason(error)) from error
     finally:
-        for place in reversed(made):
+        for place in reversed(created):
             with suppress(OSError):
                 place.rmdir()
 
 
-class CannotWriteError(InputError):
-    """A file or folder cannot be written.
-
-    Attributes:
-        path: Which one.
-        reason: Why, in a few words.
-    """
-
-    def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"{path}: cannot be written ({reason}); choose another place")
-        self.path, self.reason = path, reason
-
-
-def _temporary_beside(path: Path) -> Path:
-    """A hidden sibling: ``os.replace`` is atomic only within one file system.
+def _temporary_path(path: Path) -> Path:
+    """Return a hidden path in the same folder, since renaming is atomic within a file system.
 
     The suffix is kept because many writers choose the format by it.
     """
@@ -161,7 +161,7 @@ def _temporary_beside(path: Path) -> Path:
 
 
 def _move_into_place(temporary: Path, path: Path, owned: Collection[str]) -> None:
-    """Rename the folder, or if one is there already, its files."""
+    """Rename the folder, or if the final one exists, its files."""
     if not path.exists():
         os.replace(temporary, path)
         return
@@ -188,16 +188,12 @@ def _writing(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        # The body may read other files, too; their errors are not about this path. A full disk
-        # raises without a file name.
-        about = error.filename
-        concerned = {temporary, *temporary.parents}
-        if (
-            about is not None
-            and Path(about) not in concerned
-            and temporary not in Path(about).parents
-        ):
-            raise
+        # The body may also read other files, whose errors are not about this path. The error of a
+        # full disk has no file name.
+        if error.filename is not None:
+            failed = Path(error.filename)
+            if not (temporary.is_relative_to(failed) or failed.is_relative_to(temporary)):
+                raise
         raise CannotWriteError(path, _reason(error)) from error
 
 

@@ -17,10 +17,10 @@ from occjax.io.hci_config import HciConfig, read_hci_config
 from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.naming import FolderLayout, NamedViews, find_views
 from occjax.io.pfm import read_pfm
-from occjax.lightfield import LightField
+from occjax.lightfield import LightField, centre_index
 
 Progress = Callable[[int, int], None]
-"""Called with the number of views read and the number there are."""
+"""Called with the number of views read and the number of all views."""
 
 
 def read_folder(
@@ -33,27 +33,30 @@ def read_folder(
 ) -> LightField:
     """Read a folder with one image per view.
 
-    Besides the views it reads what the layout's folders come with: ``parameters.cfg`` and
+    In addition to the views it reads the files that belong to the layout: ``parameters.cfg`` and
     ``gt_disp_lowres.pfm`` (HCI), ``R_C_disparity.npy`` of the centre view (UrbanLF), the camera
     positions in the file names (Stanford).
 
     Args:
         folder: The folder.
-        layout: ``"hci"``, ``"lytro"``, ``"urbanlf"`` or ``"stanford"``; None to find out.
+        layout: ``"hci"``, ``"lytro"``, ``"urbanlf"`` or ``"stanford"``; None to detect it.
         pattern: File names of any other layout, with ``{v}`` and ``{u}`` for the view's row and
             column or ``{i}`` for its number, row by row; may name files in subfolders.
-        grid: ``(V, U)``; None to find out.
-        progress: Told after each view.
+        grid: ``(V, U)``; None to detect it.
+        progress: Called after each view.
+
+    Returns:
+        The light field, named after the folder.
 
     Raises:
         InputError: If views are missing, unreadable or of different sizes, or another file of the
             layout is damaged.
     """
     folder = Path(folder)
-    config = _config(folder) if layout in (None, "hci") and pattern is None else None
+    config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
     layout, named = find_views(
         str(folder),
-        _names(folder, nested=pattern is not None and "/" in pattern),
+        _file_names(folder, nested=pattern is not None and "/" in pattern),
         layout=layout,
         pattern=pattern,
         grid=grid or (config.grid if config else None),
@@ -69,14 +72,14 @@ def read_folder(
         name=folder.resolve().name,
         calibration=config.calibration if config else None,
         disparity_range=config.disparity_range if config else None,
-        ground_truth=_ground_truth(folder, layout, named, views.shape[2:4]),
+        ground_truth=_read_ground_truth(folder, layout, named, views.shape[2:4]),
         positions=positions,
         source=folder,
     )
 
 
-def _names(folder: Path, *, nested: bool) -> list[str]:
-    """Files in the folder, or below it, by their path within it; hidden ones are left out."""
+def _file_names(folder: Path, *, nested: bool) -> list[str]:
+    """Return the files in the folder, or below it, by their relative path; not the hidden ones."""
     with reading(folder):
         if nested:
             below = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
@@ -87,7 +90,7 @@ def _names(folder: Path, *, nested: bool) -> list[str]:
         folders = sorted(entry.name for entry in entries if entry.is_dir())
     for entry in entries:
         if entry.name not in files and entry.name.lower().endswith(IMAGE_SUFFIXES):
-            what = "a folder" if entry.is_dir() else "a link to a file that is not there"
+            what = "a folder" if entry.is_dir() else "a link to a missing file"
             raise InputError(f"{entry.path}: is {what}, not an image; replace or remove it")
     if folders and not any(name.lower().endswith(IMAGE_SUFFIXES) for name in files):
         some = ", ".join(folders[:4]) + (", ..." if len(folders) > 4 else "")
@@ -98,8 +101,8 @@ def _names(folder: Path, *, nested: bool) -> list[str]:
     return files
 
 
-def _config(folder: Path) -> HciConfig | None:
-    """Camera parameters of an HCI scene, if there are any."""
+def _read_config(folder: Path) -> HciConfig | None:
+    """Read the camera parameters of an HCI scene, if the folder has them."""
     path = folder / "parameters.cfg"
     with reading(folder):
         present = path.is_file()
@@ -107,33 +110,32 @@ def _config(folder: Path) -> HciConfig | None:
 
 
 def _check_range(folder: Path, disparity_range: tuple[float, float], size: int) -> None:
-    """Neighbouring views that move by more than their size have nothing in common."""
+    """Refuse disparities beyond the size of the views: neighbouring views would not overlap."""
     if max(map(abs, disparity_range)) > size:
         low, high = disparity_range
         raise InputError(
-            f"{folder / 'parameters.cfg'}: disparities of {low:g} to {high:g} pixels are more than "
-            f"the views have ({size}); correct disp_min and disp_max in [meta]"
+            f"{folder / 'parameters.cfg'}: disparities of {low:g} to {high:g} pixels exceed the "
+            f"size of the views ({size}); correct disp_min and disp_max in [meta]"
         )
 
 
 def _read_views(folder: Path, named: NamedViews, progress: Progress | None) -> np.ndarray:
-    """``[V, U, H, W, C]`` views; decoding releases the lock of the interpreter, so threads help."""
-    rows, columns = named.grid
-    places = list(np.ndindex(rows, columns))
-    paths = [folder / named.matches[place].string for place in places]
+    """Read ``[V, U, H, W, C]`` views in threads, since decoders release the interpreter's lock."""
+    indices = list(np.ndindex(*named.grid))
+    paths = [folder / named.matches[index].string for index in indices]
     first = read_image(paths[0])
-    views = np.empty((rows, columns, *first.shape), first.dtype)
+    views = np.empty((*named.grid, *first.shape), first.dtype)
     pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
     try:
-        for done, (place, path, image) in enumerate(
-            zip(places, paths, pool.map(read_image, paths), strict=True), start=1
+        for done, (index, path, image) in enumerate(
+            zip(indices, paths, pool.map(read_image, paths), strict=True), start=1
         ):
             if image.shape != first.shape or image.dtype != first.dtype:
                 raise InputError(
-                    f"{path}: is {_description(image)} but {paths[0].name} is "
-                    f"{_description(first)}; all views must be alike"
+                    f"{path}: is {_format(image)} but {paths[0].name} is {_format(first)}; "
+                    "all views must have the same size and type"
                 )
-            views[place] = image
+            views[index] = image
             if progress is not None:
                 progress(done, len(paths))
     finally:
@@ -141,21 +143,21 @@ def _read_views(folder: Path, named: NamedViews, progress: Progress | None) -> n
     return check_views(folder, views)
 
 
-def _description(image: np.ndarray) -> str:
-    """Size, colour and depth in words."""
+def _format(image: np.ndarray) -> str:
+    """Return size, colour and depth of an image in words."""
     height, width, channels = image.shape
     return f"{width}x{height} {'grey' if channels == 1 else 'RGB'} {image.dtype}"
 
 
-def _ground_truth(
+def _read_ground_truth(
     folder: Path, layout: FolderLayout | None, named: NamedViews, size: tuple[int, ...]
 ) -> np.ndarray | None:
-    """Disparity of the centre view, if the folder has it."""
+    """Read the disparity of the centre view, if the folder has it."""
     if layout == "hci":
         path = folder / "gt_disp_lowres.pfm"
         return check_ground_truth(path, read_pfm(path), size) if path.is_file() else None
     if layout == "urbanlf":
-        centre = named.matches[named.grid[0] // 2, named.grid[1] // 2]
+        centre = named.matches[centre_index(named.grid)]
         path = folder / f"{centre['v']}_{centre['u']}_disparity.npy"
         return check_ground_truth(path, read_npy(path), size) if path.is_file() else None
     return None

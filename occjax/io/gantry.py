@@ -1,10 +1,10 @@
-"""Camera positions of the Stanford light field archive, taken with a gantry.
+"""Camera positions of the Stanford light field archive, which was taken with a gantry.
 
-Files are named ``out_ROW_COLUMN_Y_X_.png``. The gantry went back and forth, so row and column only
-count the exposures; where a camera stood is in ``Y`` and ``X``. The archive does not say which way
-these point. Readers in use take ``X`` to the right and ``Y`` downwards, except in the scenes whose
-names lack the underscore before the suffix (beans, knights, tarot), where ``Y`` points upwards.
-Should a scene differ, ``occjax check`` shows it and ``flip`` mends it.
+Files are named ``out_ROW_COLUMN_Y_X_.png``. The gantry moved back and forth, so row and column only
+count the exposures; ``Y`` and ``X`` give the camera position. The archive does not document the
+directions of these axes. Other readers take ``X`` to the right and ``Y`` downwards, except in the
+scenes whose names lack the underscore before the suffix (beans, knights, tarot), where ``Y`` points
+upwards. If a scene differs, ``occjax check`` shows it and ``flip`` corrects it.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.naming import NamedViews
+from occjax.lightfield import centre_index
 
 
 def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]:
-    """Order gantry views top to bottom and left to right, and give their positions.
+    """Order gantry views top to bottom and left to right, and return their positions.
 
     Args:
         folder: Name of the folder, for messages.
@@ -24,17 +25,17 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
 
     Returns:
         The views in the order of the library, and their positions ``[V, U, 2]`` float32
-        ``(row, column)`` relative to the centre view, in steps of the mean spacing of neighbours
-        (one unit for both axes, as disparity has).
+        ``(row, column)`` relative to the centre view. The unit of both axes is the mean spacing of
+        neighbouring cameras, as disparity has one unit for both.
 
     Raises:
-        InputError: If neighbouring cameras stand at the same place.
+        InputError: If neighbouring cameras have the same position.
     """
     rows, columns = named.grid
     positions = np.empty((rows, columns, 2))
-    for place, match in named.matches.items():
+    for index, match in named.matches.items():
         down = 1.0 if match["tail"] else -1.0
-        positions[place] = down * float(match["y"]), float(match["x"])
+        positions[index] = down * float(match["y"]), float(match["x"])
     matches = named.matches
     if rows > 1 and positions[-1, :, 0].mean() < positions[0, :, 0].mean():
         positions = positions[::-1]
@@ -42,17 +43,17 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
     if columns > 1 and positions[:, -1, 1].mean() < positions[:, 0, 1].mean():
         positions = positions[:, ::-1]
         matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
-    relative = (positions - positions[rows // 2, columns // 2]) / _spacing(folder, positions)
+    relative = (positions - positions[centre_index(named.grid)]) / _spacing(folder, positions)
     return NamedViews(named.grid, matches), relative.astype(np.float32)
 
 
 def _spacing(folder: str, positions: np.ndarray) -> float:
-    """Mean distance of neighbours along rows and along columns; 1 where there are none."""
+    """Return the mean distance of neighbours along rows and columns; 1 for a single camera."""
     steps = [np.diff(positions[..., axis], axis=axis) for axis in (0, 1)]
     present = [float(step.mean()) for step in steps if step.size]
     if 0.0 in present:
         raise InputError(
-            f"{folder}: by the file names, cameras of several rows or columns stand at the same "
-            "place; correct the positions, or name the views by row and column alone"
+            f"{folder}: by the file names, cameras of several rows or columns have the same "
+            "position; correct the positions, or name the views only by row and column"
         )
     return float(np.mean(present)) if present else 1.0

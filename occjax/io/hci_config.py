@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from occjax.errors import InputError
-from occjax.io.files import reading
+from occjax.io.files import decoding
 from occjax.lightfield import Calibration
 
 
 @dataclass(frozen=True)
 class HciConfig:
-    """What ``parameters.cfg`` says.
+    """Content of ``parameters.cfg``.
 
     Attributes:
         calibration: Camera parameters.
@@ -35,6 +35,9 @@ def read_hci_config(path: str | Path) -> HciConfig:
     Args:
         path: File with the sections ``intrinsics``, ``extrinsics`` and ``meta``.
 
+    Returns:
+        Camera, disparity range and sizes.
+
     Raises:
         InputError: If the file cannot be read, lacks a camera parameter, or has an impossible one.
 
@@ -54,33 +57,21 @@ def read_hci_config(path: str | Path) -> HciConfig:
         (-1.6, 1.5)
     """
     path = Path(path)
-    parser = configparser.ConfigParser(interpolation=None)
-    with reading(path):
-        content = path.read_bytes()
-    try:
-        parser.read_string(content.decode("utf-8-sig"))
-    except (configparser.Error, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(
-            f"{path}: not a configuration file ({reason}); copy it again or remove it"
-        ) from error
+    fields = _Fields(path)
     calibration = Calibration(
-        focal_length_mm=_required(path, parser, "intrinsics", "focal_length_mm"),
-        sensor_size_mm=_required(path, parser, "intrinsics", "sensor_size_mm"),
-        baseline_mm=_required(path, parser, "extrinsics", "baseline_mm"),
-        focus_distance_m=_required(path, parser, "extrinsics", "focus_distance_m"),
+        focal_length_mm=fields.positive("intrinsics", "focal_length_mm"),
+        sensor_size_mm=fields.positive("intrinsics", "sensor_size_mm"),
+        baseline_mm=fields.positive("extrinsics", "baseline_mm"),
+        focus_distance_m=fields.positive("extrinsics", "focus_distance_m"),
     )
-    lowest = _number(path, parser, "meta", "disp_min")
-    highest = _number(path, parser, "meta", "disp_max")
+    lowest, highest = fields.number("meta", "disp_min"), fields.number("meta", "disp_max")
     if lowest is not None and highest is not None and not lowest < highest:
         raise InputError(
             f"{path}: disp_min is {lowest:g} and disp_max is {highest:g} in [meta]; "
             "disp_min must be the lower one"
         )
-    rows = _count(path, parser, "extrinsics", "num_cams_y")
-    columns = _count(path, parser, "extrinsics", "num_cams_x")
-    height = _count(path, parser, "intrinsics", "image_resolution_y_px")
-    width = _count(path, parser, "intrinsics", "image_resolution_x_px")
+    rows, columns = (fields.count("extrinsics", f"num_cams_{axis}") for axis in "yx")
+    height, width = (fields.count("intrinsics", f"image_resolution_{axis}_px") for axis in "yx")
     return HciConfig(
         calibration=calibration,
         disparity_range=None if lowest is None or highest is None else (lowest, highest),
@@ -89,37 +80,49 @@ def read_hci_config(path: str | Path) -> HciConfig:
     )
 
 
-def _required(path: Path, parser: configparser.ConfigParser, section: str, field: str) -> float:
-    """A positive number that must be there."""
-    number = _number(path, parser, section, field)
-    if number is None:
-        raise InputError(f"{path}: has no {field} in [{section}]; add it, or remove the file")
-    if number <= 0.0:
-        raise InputError(f"{path}: {field} in [{section}] is {number}; it must be positive")
-    return number
+class _Fields:
+    """The fields of a configuration file, checked when they are read."""
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.parser = configparser.ConfigParser(interpolation=None)
+        with decoding(path, "a configuration file", remedy="copy it again or remove it"):
+            self.parser.read_string(path.read_bytes().decode("utf-8-sig"))
 
-def _count(path: Path, parser: configparser.ConfigParser, section: str, field: str) -> int | None:
-    """A positive whole number, of cameras or pixels, or None where the file does not have it."""
-    number = _number(path, parser, section, field)
-    if number is not None and (number < 1 or number != int(number)):
-        raise InputError(
-            f"{path}: {field} in [{section}] is {number:g}; it must be a positive whole number"
-        )
-    return None if number is None else int(number)
+    def number(self, section: str, field: str) -> float | None:
+        """Return a number, or None if the file does not have it."""
+        text = self.parser.get(section, field, fallback=None)
+        if text is None:
+            return None
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise InputError(
+                f"{self.path}: {field} in [{section}] is {text[:40]!r}; it must be a number"
+            )
+        return number
 
+    def positive(self, section: str, field: str) -> float:
+        """Return a required positive number."""
+        number = self.number(section, field)
+        if number is None:
+            raise InputError(
+                f"{self.path}: has no {field} in [{section}]; add it, or remove the file"
+            )
+        if number <= 0.0:
+            raise InputError(
+                f"{self.path}: {field} in [{section}] is {number}; it must be positive"
+            )
+        return number
 
-def _number(
-    path: Path, parser: configparser.ConfigParser, section: str, field: str
-) -> float | None:
-    """A number, or None where the file does not have it."""
-    text = parser.get(section, field, fallback=None)
-    if text is None:
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{path}: {field} in [{section}] is {text[:40]!r}; it must be a number")
-    return number
+    def count(self, section: str, field: str) -> int | None:
+        """Return a positive number of cameras or pixels, or None if the file does not have it."""
+        number = self.number(section, field)
+        if number is not None and (number < 1 or number != int(number)):
+            raise InputError(
+                f"{self.path}: {field} in [{section}] is {number:g}; it must be a positive whole "
+                "number"
+            )
+        return None if number is None else int(number)

@@ -1,30 +1,29 @@
-"""One function that reads a light field, however it is stored."""
+"""Reading a light field of any supported format."""
 
 from __future__ import annotations
 
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Literal, cast
 
-from occjax.errors import InputError
+from occjax.errors import InputError, check_one_of
 from occjax.io.arrays import read_arrays
-from occjax.io.checking import check
 from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
 from occjax.io.hdf5 import read_hdf5
-from occjax.io.images import IMAGE_SUFFIXES, OTHER_SUFFIXES
+from occjax.io.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
 from occjax.io.mosaics import read_mosaic
 from occjax.io.naming import FolderLayout
-from occjax.io.orientation import Orientation, declaration, declared_orientation
-from occjax.lightfield import SMALLEST, LightField
+from occjax.layout import LayoutReport, Orientation, check, declaration, declared_orientation
+from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField
 
 Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "array", "hdf5"]
-"""How a light field is stored; the first four are folders."""
+"""Layout of the files of a light field; the first four are folders."""
 
 
-class OrientationWarning(UserWarning):
-    """The views are laid out otherwise than declared; disparity would be wrong."""
+class LayoutWarning(UserWarning):
+    """The views have another layout than declared, or none; disparity would be wrong."""
 
 
 def load(
@@ -43,29 +42,30 @@ def load(
     """Read a light field from a folder of views, an image of all views, or an array file.
 
     Args:
-        path: Folder with one image per view (HCI, Lytro, UrbanLF, Stanford, or any through
+        path: Folder with one image per view (HCI, Lytro, UrbanLF, Stanford, or any other through
             ``pattern``); one image of all views (tiled or MacPI; needs ``grid``); ``.npz`` or
             ``.npy``; HDF5 of the old HCI benchmark.
-        layout: How it is stored; None to find out.
+        layout: Layout of the files (:data:`Layout`); None to detect it.
         pattern: File names of the views, with ``{v}`` and ``{u}`` for row and column or ``{i}`` for
             the number, row by row.
-        grid: ``(V, U)`` as stored; None to find out.
+        grid: ``(V, U)``, rows and columns of views as stored; None to detect it.
         order: ``"vu"`` if the files count rows first, ``"uv"`` if columns.
         flip: Axes of the grid that run backwards: ``"v"`` if rows run from bottom to top, ``"u"``
             if columns run from right to left, ``"vu"`` if both.
         key: Name of the views in an ``.npz``.
-        name: Name of the scene; default is that of the file or folder.
-        check_orientation: Warn when the images say that the views are laid out otherwise.
-        progress: Called with the number of views read and the number there are.
+        name: Name of the scene; by default the name of the file or folder.
+        check_orientation: Whether to measure the layout of the grid from the images, to warn if it
+            differs from the declared one, and to store the measurement in ``layout_report``.
+        progress: Called with the number of views read and the number of all views.
 
     Returns:
-        The light field, laid out by the convention of :mod:`occjax.lightfield`.
+        The light field ``[V, U, H, W, C]``, in the convention of :mod:`occjax.lightfield`.
 
     Raises:
-        InputError: If it cannot be read; the message names the file and the cure.
+        InputError: If it cannot be read; the message names the file and what to do.
 
     Warns:
-        OrientationWarning: If another order or flip is clearly right, or none is.
+        LayoutWarning: If another order or flip is clearly correct, or no layout is consistent.
         GridWarning: If the grid is guessed from the number of views.
 
     Example:
@@ -77,7 +77,10 @@ def load(
     """
     path = Path(path)
     declared = declared_orientation(order, flip)
-    _check_options(layout, grid)
+    if layout is not None:
+        check_one_of("layout", layout, Layout)
+    if grid is not None and (len(grid) != 2 or min(grid) < 1):
+        raise InputError(f"grid is {grid}; it must be the positive numbers (rows, columns)")
     with reading(path):
         path.stat()
     stored = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
@@ -86,26 +89,19 @@ def load(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
             f"pass grid (--grid {stored.grid[0]} {stored.grid[1]}) or leave it out"
         )
-    if min(stored.image_size) < SMALLEST:
+    if min(stored.image_size) < MIN_VIEW_SIZE_PX:
         height, width = stored.image_size
         raise InputError(
-            f"{path}: views are {height}x{width} pixels; give views of {SMALLEST}x{SMALLEST} or "
-            "more, arrays as [V, U, H, W] or [V, U, H, W, C]"
+            f"{path}: views are {height}x{width} pixels; give views of at least "
+            f"{MIN_VIEW_SIZE_PX}x{MIN_VIEW_SIZE_PX}, arrays as [V, U, H, W] or [V, U, H, W, C]"
         )
     light_field = declared.apply(stored) if declared != Orientation() else stored
     if name is not None:
         light_field = dataclasses.replace(light_field, name=name)
     if check_orientation and light_field.grid != (1, 1):
-        _warn_if_otherwise(path, light_field, declared)
+        report = _check_layout(path, light_field, declared)
+        light_field = dataclasses.replace(light_field, layout_report=report)
     return light_field
-
-
-def _check_options(layout: str | None, grid: tuple[int, int] | None) -> None:
-    """What no file can make right."""
-    if layout is not None and layout not in get_args(Layout):
-        raise InputError(f"layout is {layout!r}; it must be one of {', '.join(get_args(Layout))}")
-    if grid is not None and (len(grid) != 2 or min(grid) < 1):
-        raise InputError(f"grid is {grid}; it must be the positive numbers (rows, columns)")
 
 
 def _read(
@@ -116,7 +112,7 @@ def _read(
     key: str | None,
     progress: Progress | None,
 ) -> LightField:
-    """The light field as stored, by the reader that its layout or suffix asks for."""
+    """Read the light field as stored, with the reader of its layout or suffix."""
     if path.is_dir():
         if layout in ("tiled", "macpi", "array", "hdf5"):
             raise InputError(f"{path}: is a folder, but layout {layout!r} is a file; name the file")
@@ -133,7 +129,7 @@ def _read(
     if layout in ("tiled", "macpi") or (layout is None and suffix in IMAGE_SUFFIXES):
         views = read_mosaic(path, grid, layout if layout in ("tiled", "macpi") else None)
         return LightField(views=views, name=path.stem, source=path)
-    if suffix in OTHER_SUFFIXES:
+    if suffix in UNSUPPORTED_SUFFIXES:
         raise InputError(f"{path}: {suffix} images are not read; convert it to PNG")
     raise InputError(
         f"{path}: unknown kind of file; give a folder of views, an image ("
@@ -141,26 +137,26 @@ def _read(
     )
 
 
-def _warn_if_otherwise(path: Path, light_field: LightField, declared: Orientation) -> None:
-    """Say how to declare the layout that the images show."""
+def _check_layout(path: Path, light_field: LightField, declared: Orientation) -> LayoutReport:
+    """Measure the layout, and warn if it differs from the declared one or cannot be correct."""
     report = check(light_field)
-    if not report.fits:
+    if not report.plausible:
         rows, columns = light_field.grid
         warnings.warn(
             f"{path}: no layout of the {rows}x{columns} views is consistent; "
-            "is the grid or layout right?",
-            OrientationWarning,
+            "check the grid and the layout",
+            LayoutWarning,
             stacklevel=3,
         )
-    if not report.clearly_worse:
-        return
-    likely = [declared.then(report.best)]
-    if not report.sign_known:
-        likely.append(declared.then(report.best.reversed_sign))
-        likely.sort(key=lambda orientation: len(orientation.flip))
-    warnings.warn(
-        f"{path}: the images show another order of the views than declared ({report.best.name}); "
-        f"{' or '.join(map(declaration, likely))}",
-        OrientationWarning,
-        stacklevel=3,
-    )
+    if report.clearly_worse:
+        likely = [declared.then(report.best)]
+        if not report.sign_known:
+            likely.append(declared.then(report.best.reversed_sign))
+            likely.sort(key=lambda orientation: len(orientation.flip))
+        warnings.warn(
+            f"{path}: the images show another order of the views than declared "
+            f"({report.best.name}); {' or '.join(map(declaration, likely))}",
+            LayoutWarning,
+            stacklevel=3,
+        )
+    return report

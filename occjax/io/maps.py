@@ -1,4 +1,4 @@
-"""Maps of disparity or depth, and of normals, in whatever file format the ending of a name says."""
+"""Maps of disparity, depth or normals; the suffix of the file name gives the format."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from PIL import Image
 
 from occjax.errors import InputError
+from occjax.io.arrays import read_npy
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
 from occjax.io.pfm import read_pfm, write_pfm
-from occjax.io.value_png import read_value_png, write_value_png
+from occjax.io.png import read_value_png, write_value_png
 
 Quantity = Literal["disparity", "depth"]
-"""What the values of a map are."""
+"""Quantity of the values of a map."""
 
 UNITS: dict[Quantity, str] = {"disparity": "pixels per view step", "depth": "metres"}
 
 MAP_SUFFIXES = (".pfm", ".npy", ".png")
-"""File name endings of maps, in lower case."""
+"""Suffixes of map files, in lower case."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class Map:
     """Disparity or depth of the centre view.
 
     Attributes:
-        values: ``[H, W]`` floating point, in the unit of :data:`UNITS`; NaN where there is none.
-        quantity: What they are.
+        values: ``[H, W]`` floating point, in the unit of :data:`UNITS`; NaN is no value.
+        quantity: Quantity of the values.
     """
 
     values: np.ndarray
@@ -47,18 +47,19 @@ def read_map(
     """Read a map of disparity or depth.
 
     Args:
-        path: ``.pfm``, ``.npy`` or grey ``.png`` file, or a folder of results, whose
+        path: ``.pfm``, ``.npy`` or grey ``.png`` file, or a folder of results, of which
             ``disparity.pfm`` is read.
-        quantity: What its values are. By default what a PNG says itself; otherwise depth if the
-            file is named so (``depth.npy``, ``gt_depth_lowres.pfm``), else disparity.
-        scale: Value of one code, for a PNG without a scale of its own.
-        offset: Value of code 0, likewise; 0 by default.
+        quantity: Quantity of the values. By default the one that a PNG states, else depth if the
+            file name contains it (``depth.npy``, ``gt_depth_lowres.pfm``), else disparity.
+        scale: Value of one code, for a PNG that does not store its scale.
+        offset: Value of code 0, for such a PNG; 0 by default.
 
     Returns:
-        The map, top row first.
+        The map ``[H, W]``, top row first.
 
     Raises:
-        InputError: If the file does not hold one map of real numbers, or holds another quantity.
+        InputError: If the file does not contain one map of real numbers, or states another
+            quantity.
 
     Example:
         >>> import tempfile
@@ -69,40 +70,40 @@ def read_map(
     """
     path = Path(path)
     if path.is_dir():
-        path = _result_in(path)
+        path = _disparity_file(path)
     suffix = path.suffix.lower()
     if suffix != ".png" and (scale is not None or offset is not None):
-        raise InputError(f"{path}: scale and offset (--scale, --offset) are for a PNG; pass none")
-    stored = None
+        raise InputError(f"{path}: --scale and --offset apply only to a PNG; pass neither")
+    stated = None
     if suffix == ".png":
-        values, stored = read_value_png(path, scale=scale, offset=offset)
+        values, stated = read_value_png(path, scale=scale, offset=offset)
     elif suffix == ".pfm":
         values = read_pfm(path)
     elif suffix == ".npy":
-        values = _read_npy(path)
+        values = _real_numbers(path, read_npy(path))
     elif suffix == ".npz":
         raise InputError(f"{path}: an archive of arrays; save the map alone, as a .npy file")
     else:
         raise InputError(f"{path}: not a map of disparity or depth; pass a .pfm, .npy or .png file")
     if values.ndim != 2 or values.size == 0:
         raise InputError(f"{path}: holds {list(values.shape)}, not a map [H, W]; pass one map")
-    return Map(values, _quantity(path, stored, quantity))
+    return Map(values, _quantity(path, stated, quantity))
 
 
 def write_map(path: str | Path, content: Map) -> float:
-    """Write a map of disparity or depth atomically, in the format that the ending says.
+    """Write a map of disparity or depth, atomically.
 
     Args:
         path: ``.pfm`` or ``.npy``, for 32-bit floats, or ``.png``, for 16-bit codes
-            (:mod:`occjax.io.value_png`); a file that is there is replaced.
-        content: What to write.
+            (:mod:`occjax.io.png`); an existing file is replaced.
+        content: The map.
 
     Returns:
-        By how much values differ at most, for having 16 bits, from what is read again; 0 for 32-bit
-        floats.
+        The greatest difference between a value and what is read back from 16-bit codes, in the
+        unit of the map; 0 for 32-bit floats.
 
     Raises:
-        InputError: If the ending is another, or the file cannot be written.
+        InputError: If the suffix is another one, or the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -111,8 +112,7 @@ def write_map(path: str | Path, content: Map) -> float:
         >>> read_map(path).quantity, read_map(path).values.tolist()
         ('depth', [[0.5, 3.0]])
     """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".png":
+    if Path(path).suffix.lower() == ".png":
         unit = UNITS[content.quantity]
         return write_value_png(path, content.values, quantity=content.quantity, unit=unit)
     _write_floats(path, content.values)
@@ -120,15 +120,16 @@ def write_map(path: str | Path, content: Map) -> float:
 
 
 def write_normals(path: str | Path, normals: np.ndarray) -> None:
-    """Write unit normals atomically, in the format that the ending says.
+    """Write unit normals, atomically.
 
     Args:
         path: ``.npy`` or ``.pfm`` for 32-bit floats, or ``.png`` for the usual colours: red, green
-            and blue are ``(n + 1) / 2`` of x, y and z, 0 to 255; black is no normal.
-        normals: ``[H, W, 3]`` unit vectors, NaN where there is none.
+            and blue are ``(n + 1) / 2`` of x, y and z, 0 to 255; black is no normal. An existing
+            file is replaced.
+        normals: ``[H, W, 3]`` unit vectors, NaN for no normal.
 
     Raises:
-        InputError: If the ending is another, or the file cannot be written.
+        InputError: If the suffix is another one, or the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -149,7 +150,7 @@ def write_normals(path: str | Path, normals: np.ndarray) -> None:
 
 
 def _write_floats(path: str | Path, array: np.ndarray) -> None:
-    """An array of 32-bit floats."""
+    """Write an array as 32-bit floats."""
     suffix = Path(path).suffix.lower()
     if suffix == ".pfm":
         write_pfm(path, array)
@@ -160,38 +161,31 @@ def _write_floats(path: str | Path, array: np.ndarray) -> None:
         raise InputError(f"{path}: the name must end in {', '.join(MAP_SUFFIXES)}; rename it")
 
 
-def _quantity(path: Path, stored: str | None, given: Quantity | None) -> Quantity:
-    """What the values are: as stored, given, or by the file's name, in that order."""
-    if stored is not None and stored not in get_args(Quantity):
-        raise InputError(f"{path}: holds {stored[:40]!r}, not disparity or depth")
-    if stored is not None and given not in (None, stored):
-        raise InputError(f"{path}: holds {stored}, as it says itself, not {given}")
+def _quantity(path: Path, stated: str | None, given: Quantity | None) -> Quantity:
+    """Return the quantity that the file states, the given one, or that of the file name."""
+    if stated is not None and stated not in get_args(Quantity):
+        raise InputError(f"{path}: states that it holds {stated[:40]!r}, not disparity or depth")
+    if stated is not None and given not in (None, stated):
+        raise InputError(f"{path}: states that it holds {stated}, not {given}")
     named: Quantity = "depth" if "depth" in path.stem.lower() else "disparity"
-    return cast(Quantity | None, stored) or given or named
+    return cast(Quantity | None, stated) or given or named
 
 
-def _result_in(folder: Path) -> Path:
-    """The disparity map that an estimate wrote to a folder."""
+def _disparity_file(folder: Path) -> Path:
+    """Return the disparity map in a folder of results."""
     result = folder / "disparity.pfm"
     if not result.is_file():
         raise InputError(
-            f"{folder}: a folder without a disparity.pfm, so not one of results; "
+            f"{folder}: a folder without disparity.pfm, so not a folder of results; "
             f"name a {', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
         )
     return result
 
 
-def _read_npy(path: Path) -> np.ndarray:
-    try:
-        with reading(path):
-            array = np.load(path, allow_pickle=False)
-    except InputError:
-        raise
-    # A damaged header may ask for more than any memory.
-    except (ValueError, EOFError, MemoryError, OverflowError) as error:
-        raise InputError(f"{path}: not a complete NPY array of numbers; save it again") from error
-    if isinstance(array, np.ndarray) and np.issubdtype(array.dtype, np.integer):
+def _real_numbers(path: Path, array: np.ndarray) -> np.ndarray:
+    """Return an array as floating point."""
+    if np.issubdtype(array.dtype, np.integer):
         return array.astype(np.float64)
-    if not (isinstance(array, np.ndarray) and np.issubdtype(array.dtype, np.floating)):
-        raise InputError(f"{path}: does not hold real numbers; save them as float32")
+    if not np.issubdtype(array.dtype, np.floating):
+        raise InputError(f"{path}: does not contain real numbers; save them as float32")
     return array

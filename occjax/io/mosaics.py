@@ -1,7 +1,7 @@
-"""All views in one image: side by side (tiled), or one pixel of each view side by side (MacPI).
+"""All views in one image: as tiles, or as a macro-pixel image (MacPI).
 
-Tiled: the views are laid out like the grid. ``tiled[v * H + y, u * W + x] = views[v, u, y, x]``.
-MacPI (macro-pixel, lenslet): each pixel is a little image of all views, as behind a microlens.
+Tiled: the views are arranged as in the grid. ``tiled[v * H + y, u * W + x] = views[v, u, y, x]``.
+MacPI (macro-pixel, lenslet): each pixel becomes a small image of all views, as behind a microlens.
 ``macpi[y * V + v, x * U + u] = views[v, u, y, x]``.
 """
 
@@ -14,15 +14,18 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.images import read_image
-from occjax.lightfield import SMALLEST
+from occjax.lightfield import MIN_VIEW_SIZE_PX
 
 Mosaic = Literal["tiled", "macpi"]
 
-SEAM = 1.3
-"""How much larger than elsewhere brightness steps are at a seam, at least."""
+MIN_SEAM_RATIO = 1.3
+"""Smallest ratio of the brightness steps at seams to those elsewhere that shows an arrangement."""
 
-DARK, FEWEST_LENSES = 0.6, 400
-"""Brightness of a dark view relative to the brightest, and how many pixels a view needs to tell."""
+MAX_DARK_RATIO = 0.6
+"""Largest ratio of the darkest to the brightest view at which a view counts as dark."""
+
+MIN_PIXELS_FOR_DARKNESS = 400
+"""Smallest number of pixels in a view from which its mean brightness is reliable."""
 
 
 def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
@@ -30,30 +33,24 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
 
     Args:
         path: Image file.
-        grid: ``(V, U)``.
-        kind: How the views are arranged; None to find out.
+        grid: ``(V, U)``, number of view rows and columns.
+        kind: Arrangement of the views; None to detect it.
 
     Returns:
         ``[V, U, H, W, C]`` views.
 
     Raises:
         InputError: If the grid is missing or does not divide the image, or the arrangement cannot
-            be told.
+            be detected.
     """
     if grid is None:
         raise InputError(f"{path}: one image of all views needs its grid; pass grid (--grid V U)")
     image = read_image(path)
-    rows, columns = grid
-    height, width = image.shape[:2]
-    if height % rows or width % columns:
+    height, width = _view_size(image, grid, f"{path}: ")
+    if min(height, width) < MIN_VIEW_SIZE_PX:
         raise InputError(
-            f"{path}: {height}x{width} pixels are not a multiple of the {rows}x{columns} grid; "
-            "pass the right grid (--grid V U) or crop the image"
-        )
-    if height // rows < SMALLEST or width // columns < SMALLEST:
-        raise InputError(
-            f"{path}: {height}x{width} pixels leave {height // rows}x{width // columns} for each "
-            f"of {rows}x{columns} views; pass the right grid (--grid V U)"
+            f"{path}: {image.shape[0]}x{image.shape[1]} pixels leave {height}x{width} for each of "
+            f"{grid[0]}x{grid[1]} views; pass the right grid (--grid V U)"
         )
     kind = kind or detect_mosaic(image, grid)
     if kind is None:
@@ -65,22 +62,22 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
 
 
 def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
-    """Tell the two arrangements apart by where brightness jumps.
+    """Detect the arrangement of a mosaic by the positions of brightness steps.
 
-    Tiles have seams where one view meets the next, a MacPI image where one microlens does. The
-    outer views of a plenoptic camera are often black, and then so are the seams of its MacPI, but
-    also everything else at their places under the microlenses.
+    Tiles have seams between neighbouring views, a MacPI image has seams between microlenses. The
+    outer views of a plenoptic camera may be black. A MacPI image then has no visible seams, but the
+    pixels of these views are dark under every microlens.
 
     Args:
         image: ``[V * H, U * W, C]``.
         grid: ``(V, U)``.
 
     Returns:
-        The arrangement; None if there is no clear difference, as without texture.
+        The arrangement; None if there is no clear difference, for instance without texture.
     """
-    if _dark_phases(image, grid):
+    if _has_dark_views(image, grid):
         return "macpi"
-    tiles, lenses, others = [], [], []
+    at_tiles, at_lenses, elsewhere = [], [], []
     for axis, count in enumerate(grid):
         size = image.shape[axis] // count
         if count == 1 or size == 1:
@@ -88,50 +85,77 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
         steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
         profile = steps.mean(axis=tuple(other for other in range(3) if other != axis))
         position = np.arange(1, count * size)
-        at_tile, at_lens = position % size == 0, position % count == 0
-        tiles.append(profile[at_tile])
-        lenses.append(profile[at_lens & ~at_tile])
-        others.append(profile[~at_lens & ~at_tile])
-    if not tiles:
+        tile, lens = position % size == 0, position % count == 0
+        at_tiles.append(profile[tile])
+        at_lenses.append(profile[lens & ~tile])
+        elsewhere.append(profile[~lens & ~tile])
+    if not at_tiles:
         return "tiled"  # one view, or views of one pixel: both arrangements are the same
-    elsewhere = _mean(others)
-    if _mean(lenses) > SEAM * elsewhere:
+    threshold = MIN_SEAM_RATIO * _mean(elsewhere)
+    if _mean(at_lenses) > threshold:
         return "macpi"
-    return "tiled" if _mean(tiles) > SEAM * elsewhere else None
+    return "tiled" if _mean(at_tiles) > threshold else None
 
 
-def _dark_phases(image: np.ndarray, grid: tuple[int, int]) -> bool:
-    """Whether pixels are dark by their place under a microlens, as outer views of a MacPI may be.
+def _has_dark_views(image: np.ndarray, grid: tuple[int, int]) -> bool:
+    """Return whether, taken as a MacPI image, some views are much darker than others.
 
-    In tiled views the pixels of each such place are spread over all views and equally bright.
+    In tiled views the pixels at one position under the microlenses are spread over all views and
+    equally bright.
     """
-    height, width = image.shape[0] // grid[0], image.shape[1] // grid[1]
-    if height * width < FEWEST_LENSES:
+    if image.shape[0] * image.shape[1] < MIN_PIXELS_FOR_DARKNESS * grid[0] * grid[1]:
         return False
     brightness = split_macpi(image, grid).mean((2, 3, 4), dtype=np.float64)
-    return bool(brightness.min() < DARK * brightness.max())
+    return bool(brightness.min() < MAX_DARK_RATIO * brightness.max())
+
+
+def _view_size(image: np.ndarray, grid: tuple[int, int], prefix: str = "") -> tuple[int, int]:
+    """Return ``(H, W)`` of the views in an image of all views."""
+    (rows, columns), (height, width) = grid, image.shape[:2]
+    if height % rows or width % columns:
+        raise InputError(
+            f"{prefix}{height}x{width} pixels are not a multiple of the {rows}x{columns} grid; "
+            "pass the right grid (--grid V U) or crop the image"
+        )
+    return height // rows, width // columns
 
 
 def _mean(profiles: list[np.ndarray]) -> float:
-    """Mean of all values; 0 if there are none."""
+    """Return the mean of all values; 0 if there are none."""
     values = np.concatenate(profiles)
     return float(values.mean()) if values.size else 0.0
 
 
 def split_tiles(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
-    """``[V * H, U * W, C]`` tiled image to ``[V, U, H, W, C]`` views.
+    """Split a tiled image into its views.
+
+    Args:
+        image: ``[V * H, U * W, C]``.
+        grid: ``(V, U)``.
+
+    Returns:
+        ``[V, U, H, W, C]`` views.
+
+    Raises:
+        InputError: If the grid does not divide the size of the image.
 
     Example:
         >>> split_tiles(np.arange(4).reshape(2, 2, 1), (2, 1))[:, :, 0, :, 0].tolist()
         [[[0, 1]], [[2, 3]]]
     """
-    (rows, columns), (height, width, channels) = grid, image.shape
-    split = image.reshape(rows, height // rows, columns, width // columns, channels)
+    (v, u), (h, w) = grid, _view_size(image, grid)
+    split = image.reshape(v, h, u, w, -1)
     return np.ascontiguousarray(split.transpose(0, 2, 1, 3, 4))
 
 
 def join_tiles(views: np.ndarray) -> np.ndarray:
-    """``[V, U, H, W, C]`` views to ``[V * H, U * W, C]`` tiled image.
+    """Join views to a tiled image.
+
+    Args:
+        views: ``[V, U, H, W, C]``.
+
+    Returns:
+        ``[V * H, U * W, C]`` tiled image.
 
     Example:
         >>> join_tiles(np.arange(4).reshape(2, 1, 1, 2, 1))[..., 0].tolist()
@@ -142,19 +166,35 @@ def join_tiles(views: np.ndarray) -> np.ndarray:
 
 
 def split_macpi(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
-    """``[H * V, W * U, C]`` MacPI image to ``[V, U, H, W, C]`` views.
+    """Split a MacPI image into its views.
+
+    Args:
+        image: ``[H * V, W * U, C]``.
+        grid: ``(V, U)``.
+
+    Returns:
+        ``[V, U, H, W, C]`` views.
+
+    Raises:
+        InputError: If the grid does not divide the size of the image.
 
     Example:
         >>> split_macpi(np.arange(4).reshape(1, 4, 1), (1, 2))[0, :, 0, :, 0].tolist()
         [[0, 2], [1, 3]]
     """
-    (rows, columns), (height, width, channels) = grid, image.shape
-    split = image.reshape(height // rows, rows, width // columns, columns, channels)
+    (v, u), (h, w) = grid, _view_size(image, grid)
+    split = image.reshape(h, v, w, u, -1)
     return np.ascontiguousarray(split.transpose(1, 3, 0, 2, 4))
 
 
 def join_macpi(views: np.ndarray) -> np.ndarray:
-    """``[V, U, H, W, C]`` views to ``[H * V, W * U, C]`` MacPI image.
+    """Join views to a MacPI image.
+
+    Args:
+        views: ``[V, U, H, W, C]``.
+
+    Returns:
+        ``[H * V, W * U, C]`` MacPI image.
 
     Example:
         >>> join_macpi(np.array([[0, 2], [1, 3]]).reshape(1, 2, 1, 2, 1))[..., 0].tolist()

@@ -1,9 +1,9 @@
 """Portable float maps (PFM), the format in which this field stores disparity.
 
-A PFM file is a text header of ``PF`` (colour) or ``Pf`` (grey), width, height and scale, followed
+A PFM file has a text header of ``PF`` (colour) or ``Pf`` (grey), width, height and scale, followed
 by 32-bit floats, bottom row first. The sign of the scale gives the byte order (negative is
 little-endian). Its magnitude is a display hint that disparity files fill inconsistently (1, 1/255,
-...), so the values are taken as they are, as all readers of this field do.
+...), so the values are not scaled, as in all readers of this field.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def read_pfm(path: str | Path) -> np.ndarray:
     r"""Read a PFM file.
 
     Args:
-        path: File with grey or colour floats in either byte order; comment lines starting with
-            ``#`` and Windows line ends in the header are understood.
+        path: File with grey or colour floats in either byte order. The header may have comments
+            that start with ``#``, and Windows line ends.
 
     Returns:
         ``[H, W]`` (grey) or ``[H, W, 3]`` (colour) float32, top row first.
@@ -46,10 +46,10 @@ def read_pfm(path: str | Path) -> np.ndarray:
 
 
 def write_pfm(path: str | Path, image: np.ndarray) -> None:
-    r"""Write a PFM file atomically: 32-bit little-endian floats, scale -1.
+    r"""Write a PFM file of 32-bit little-endian floats (scale -1), atomically.
 
     Args:
-        path: File to write; one that is there is replaced.
+        path: File to write; an existing file is replaced.
         image: ``[H, W]`` or ``[H, W, 3]``, top row first.
 
     Raises:
@@ -68,13 +68,13 @@ def write_pfm(path: str | Path, image: np.ndarray) -> None:
 
 
 class PfmHeader(NamedTuple):
-    """What the header of a PFM file says.
+    """The header of a PFM file.
 
     Attributes:
         height: Rows of pixels.
         width: Columns of pixels.
         channels: 1 (grey) or 3 (colour).
-        little_endian: Whether that is the byte order of the values.
+        little_endian: Byte order of the values.
         start: Number of bytes before the values.
     """
 
@@ -86,36 +86,74 @@ class PfmHeader(NamedTuple):
 
 
 def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
-    r"""Read the header of a PFM file's content.
+    r"""Read the header of a PFM file from its bytes.
 
     Args:
-        data: The file's bytes.
-        path: What to call it in an error.
+        data: All bytes of the file.
+        path: Name of the file for messages.
+
+    Returns:
+        The header.
 
     Raises:
-        InputError: If there is no such header, or the length of what follows is not what it says.
+        InputError: If there is no such header, or the values after it have another length.
 
     Example:
         >>> pfm_header(b"Pf\n2 1\n-1.0\n" + bytes(8), "map.pfm")
         PfmHeader(height=1, width=2, channels=1, little_endian=True, start=12)
     """
-    (magic, columns, rows, scale), start = _header(path, data)
-    channels = {"PF": 3, "Pf": 1}[magic]
-    width, height = _size(path, columns), _size(path, rows)
-    little_endian = _scale(path, scale) < 0
+    if data[:2] not in (b"PF", b"Pf"):
+        raise InputError(f"{path}: not a PFM file (it must start with PF or Pf); check its format")
+    words: list[str] = []
+    start = 0
+    # The header ends with the line of its fourth word. Pixel bytes may look like white space, so
+    # the header is split into lines first.
+    while len(words) < 4:
+        end = data.find(b"\n", start) + 1
+        if end == 0:
+            raise InputError(f"{path}: the PFM header is incomplete; copy the file again")
+        words += data[start:end].split(b"#")[0].decode("ascii", errors="replace").split()
+        start = end
+    try:
+        magic, columns, rows, factor = words
+        channels, width, height, scale = (
+            {"Pf": 1, "PF": 3}[magic],
+            int(columns),
+            int(rows),
+            float(factor),
+        )
+    except (KeyError, ValueError):
+        channels, width, height, scale = 0, 0, 0, 0.0
+    if width < 1 or height < 1 or scale == 0.0 or not math.isfinite(scale):
+        raise InputError(
+            f"{path}: the PFM header is {' '.join(words)[:40]!r}; it must be PF or Pf, width, "
+            "height and a scale other than 0 (-1.0 for little-endian values); write it again"
+        )
     expected, found = width * height * channels * 4, len(data) - start
     if found != expected:
         raise InputError(
             f"{path}: header says {width}x{height} pixels, which is {expected} bytes, but {found} "
             f"follow; the file is {'truncated' if found < expected else 'damaged'}, copy it again"
         )
-    return PfmHeader(height, width, channels, little_endian, start)
+    return PfmHeader(height, width, channels, scale < 0, start)
 
 
 def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
-    """The image in a PFM file's content.
+    r"""Read the image of a PFM file from its bytes.
 
-    Takes and raises what :func:`pfm_header` does; returns what :func:`read_pfm` does.
+    Args:
+        data: All bytes of the file.
+        path: Name of the file for messages.
+
+    Returns:
+        ``[H, W]`` (grey) or ``[H, W, 3]`` (colour) float32, top row first.
+
+    Raises:
+        InputError: If the header or the length is wrong.
+
+    Example:
+        >>> decode_pfm(b"Pf\n1 1\n-1.0\n" + bytes(4), "map.pfm").tolist()
+        [[0.0]]
     """
     header = pfm_header(data, path)
     byte_order = "<f4" if header.little_endian else ">f4"
@@ -125,11 +163,14 @@ def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
 
 
 def encode_pfm(image: np.ndarray, path: str | Path) -> bytes:
-    r"""A PFM file's content; see :func:`write_pfm`.
+    r"""Return the bytes of a PFM file; see :func:`write_pfm`.
 
     Args:
         image: ``[H, W]`` or ``[H, W, 3]``, top row first.
-        path: What to call it in an error.
+        path: Name of the file for messages.
+
+    Returns:
+        Header and 32-bit little-endian floats.
 
     Raises:
         InputError: If the array has another shape.
@@ -145,49 +186,3 @@ def encode_pfm(image: np.ndarray, path: str | Path) -> bytes:
     height, width = image.shape[:2]
     header = f"{'Pf' if image.ndim == 2 else 'PF'}\n{width} {height}\n-1.0\n"
     return header.encode("ascii") + image[::-1].astype("<f4").tobytes()
-
-
-def _header(path: str | Path, data: bytes) -> tuple[list[str], int]:
-    """The four words of the header, and where the pixels start.
-
-    The header ends with the line of its fourth word. Going by lines keeps pixel bytes that look
-    like white space out of the header.
-    """
-    if data[:2] not in (b"PF", b"Pf"):
-        raise InputError(f"{path}: not a PFM file (it must start with PF or Pf); check its format")
-    words: list[str] = []
-    start = 0
-    while len(words) < 4:
-        end = data.find(b"\n", start) + 1
-        if end == 0:
-            raise InputError(f"{path}: the PFM header is incomplete; copy the file again")
-        line = data[start:end].split(b"#")[0]
-        words += line.decode("ascii", errors="replace").split()
-        start = end
-    if len(words) > 4 or words[0] not in ("PF", "Pf"):
-        raise InputError(
-            f"{path}: the PFM header reads {' '.join(words)[:40]!r}, not magic, width, height, "
-            "scale; write the file again"
-        )
-    return words, start
-
-
-def _size(path: str | Path, word: str) -> int:
-    """Width or height."""
-    if not word.isdecimal() or int(word) == 0:
-        raise InputError(f"{path}: {word[:20]!r} in the header is no image size; write it again")
-    return int(word)
-
-
-def _scale(path: str | Path, word: str) -> float:
-    """The scale, whose sign is the byte order."""
-    try:
-        scale = float(word)
-    except ValueError:
-        scale = math.nan
-    if not math.isfinite(scale) or scale == 0.0:
-        raise InputError(
-            f"{path}: the scale in the header is {word[:20]!r}; it must be a number other than "
-            "zero, -1.0 for little-endian values"
-        )
-    return scale

@@ -1,4 +1,4 @@
-"""Point clouds in the PLY format, which every 3D viewer opens."""
+"""Point clouds in the PLY format, which 3D viewers open."""
 
 from __future__ import annotations
 
@@ -9,23 +9,25 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 
-PLACE = [(name, "<f4") for name in ("x", "y", "z")]
-COLOUR = [(name, "u1") for name in ("red", "green", "blue")]
+_COORDINATES = [(name, "<f4") for name in ("x", "y", "z")]
+_COLOURS = [(name, "u1") for name in ("red", "green", "blue")]
+_PLY_TYPES = {"<f4": "float", "u1": "uchar"}
 
 
 def write_ply(
     path: str | Path, points: np.ndarray, colours: np.ndarray | None, *, comment: str = ""
 ) -> None:
-    r"""Write a point cloud atomically, as binary little-endian PLY.
+    r"""Write a point cloud as binary little-endian PLY, atomically.
 
     Args:
-        path: File to write; one that is there is replaced.
+        path: File to write; an existing file is replaced.
         points: ``[N, 3]`` coordinates x, y, z; stored as 32-bit floats.
         colours: ``[N, 3]`` uint8 red, green, blue; None for points without colour.
         comment: One line for the header, such as the unit.
 
     Raises:
-        InputError: If the arrays do not fit together or the file cannot be written.
+        InputError: If the shapes of the arrays are wrong or differ, the colours are not uint8, or
+            the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -43,20 +45,17 @@ def write_ply(
         )
     if colours is not None and colours.dtype != np.uint8:
         raise InputError(f"{path}: colours must be uint8, not {colours.dtype}; scale them to 0-255")
-    fields = PLACE if colours is None else PLACE + COLOUR
+    fields = _COORDINATES if colours is None else _COORDINATES + _COLOURS
+    columns = [*points.T] if colours is None else [*points.T, *colours.T]
     vertices = np.empty(len(points), fields)
-    for axis, (name, _) in enumerate(PLACE):
-        vertices[name] = points[:, axis]
-    if colours is not None:
-        for channel, (name, _) in enumerate(COLOUR):
-            vertices[name] = colours[:, channel]
-    kinds = {"<f4": "float", "u1": "uchar"}
+    for (name, _), column in zip(fields, columns, strict=True):
+        vertices[name] = column
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *([f"comment {comment}"] if comment else []),
         f"element vertex {len(points)}",
-        *(f"property {kinds[kind]} {name}" for name, kind in fields),
+        *(f"property {_PLY_TYPES[kind]} {name}" for name, kind in fields),
         "end_header\n",
     ]
     with atomic_path(path) as temporary:

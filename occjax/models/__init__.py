@@ -1,33 +1,36 @@
 """Networks as Flax modules, built from frozen configurations, and their weights."""
 
-from occjax.models.cascade import OccCasNet, variable_shapes
-from occjax.models.config import (
-    Choice,
-    DerivativeFeatures,
+from occjax.models.occcasnet import (
+    AggregationConfig,
     FeatureConfig,
-    NetworkConfig,
-    Residual,
-    SemiGlobalConfig,
+    OccCasNet,
+    OccCasNetConfig,
     StageConfig,
+    StageOutput,
+    fetch_published_weights,
+    predict,
+    sampled,
 )
-from occjax.models.fetch import fetch_published_weights
-from occjax.models.presets import PRESETS, preset, sampled
-from occjax.models.stages import StageOutput
+from occjax.models.proposal import ProposalConfig, ProposalNet, ProposalOutput
+from occjax.models.registry import ALIASES, PRESETS, ModelConfig, preset, variable_shapes
 from occjax.models.weights import load_weights, save_weights
 
 __all__ = [
+    "ALIASES",
     "PRESETS",
-    "Choice",
-    "DerivativeFeatures",
+    "AggregationConfig",
     "FeatureConfig",
-    "NetworkConfig",
+    "ModelConfig",
     "OccCasNet",
-    "Residual",
-    "SemiGlobalConfig",
+    "OccCasNetConfig",
+    "ProposalConfig",
+    "ProposalNet",
+    "ProposalOutput",
     "StageConfig",
     "StageOutput",
     "fetch_published_weights",
     "load_weights",
+    "predict",
     "preset",
     "sampled",
     "save_weights",

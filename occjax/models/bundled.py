@@ -1,4 +1,4 @@
-"""The weights that come with the package, each with a card that says what it is."""
+"""The weights in the package, each with a model card."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from functools import cache
 from pathlib import Path
 
 from occjax.errors import InputError
+from occjax.models.registry import ALIASES
 
 FOLDER = Path(__file__).parent / "weight_files"
-"""``index.json``, and for each name a ``<name>.safetensors`` and its card ``<name>.md``."""
+"""Folder of ``index.json``, and of ``<name>.safetensors`` and the card ``<name>.md`` per name."""
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,9 @@ class BundledWeights:
     """Weights in the package.
 
     Attributes:
-        name: What ``--weights`` calls them.
-        summary: One line on what they are for.
-        sha256: Of the file, in hexadecimal.
+        name: Name for ``--weights``.
+        summary: Purpose, in one line.
+        sha256: SHA-256 of the file, in hexadecimal.
     """
 
     name: str
@@ -30,29 +31,29 @@ class BundledWeights:
 
     @property
     def path(self) -> Path:
-        """The file of the weights."""
+        """File of the weights."""
         return FOLDER / f"{self.name}.safetensors"
 
     @property
     def card(self) -> Path:
-        """The file that tells data, command, seed, cost, scores, limits and licence."""
+        """Model card: data, command, seed, cost, scores, limits and licence."""
         return FOLDER / f"{self.name}.md"
 
     def verify(self) -> None:
-        """Compare the file with its checksum.
+        """Verify the checksum of the file.
 
         Raises:
-            InputError: If it is missing or another one.
+            InputError: If the file is missing or has another content.
         """
         if not self.path.is_file():
-            raise InputError(f"{self.path}: is missing; install occjax again")
+            raise InputError(f"{self.path}: is missing; reinstall occjax")
         if hashlib.sha256(self.path.read_bytes()).hexdigest() != self.sha256:
-            raise InputError(f"{self.path}: is not the file that was shipped; install occjax again")
+            raise InputError(f"{self.path}: differs from the shipped file; reinstall occjax")
 
 
 @cache
 def bundled_weights() -> tuple[BundledWeights, ...]:
-    """All weights in the package, the default first.
+    """Return all weights in the package, the default first.
 
     Example:
         >>> all(weights.path.suffix == ".safetensors" for weights in bundled_weights())
@@ -63,27 +64,28 @@ def bundled_weights() -> tuple[BundledWeights, ...]:
 
 
 def find_weights(name_or_path: str | Path) -> Path:
-    """The file of weights given as a path, or by the name of those in the package.
+    """Return the file of weights that are given by a path or by their name in the package.
 
     Args:
-        name_or_path: A path, or a name as ``occjax weights list`` shows it, with or without the
-            ``.safetensors`` by which an estimate calls it.
+        name_or_path: Path, or a name that ``occjax weights list`` prints, with or without
+            ``.safetensors``; former names are accepted.
 
     Returns:
-        The file. A file of that very name in the working folder comes first.
+        Path of the file. A file of that name in the working folder takes precedence.
 
     Raises:
-        InputError: If the file in the package is damaged, or there is neither name nor file.
+        InputError: If the file in the package is damaged, or neither the name nor the file exists.
     """
     path = Path(name_or_path)
     named = {weights.name: weights for weights in bundled_weights()}
     name = str(name_or_path).removesuffix(".safetensors")
+    name = ALIASES.get(name, name)
     if path.is_file() or (path.suffix and name not in named):
         return path
     if name not in named:
         raise InputError(
-            f"{name_or_path}: there is no such file, and no weights of this name in the package; "
-            f"there are {', '.join(named) or 'none'}"
+            f"{name_or_path}: is neither a file nor the name of weights in the package; the "
+            f"package has {', '.join(named) or 'none'}"
         )
     weights = named[name]
     weights.verify()

@@ -1,4 +1,4 @@
-"""Weights on disk: safetensors with the network's configuration inside, or the published HDF5."""
+"""Weights on disk: safetensors with the model's configuration, or the published HDF5."""
 
 from __future__ import annotations
 
@@ -16,34 +16,41 @@ from safetensors.numpy import save_file
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.claims import first_difference
-from occjax.models.cascade import variable_shapes
-from occjax.models.config import NetworkConfig, Warp
-from occjax.models.description import config_from_json, config_to_json
-from occjax.models.presets import preset
-from occjax.models.published import load_published_weights
+from occjax.io.run_folder import first_difference
+from occjax.models.config_json import config_from_json, config_to_json, convert_legacy_names
+from occjax.models.occcasnet.config import OccCasNetConfig, Warp
+from occjax.models.occcasnet.keras_weights import load_published_weights
+from occjax.models.registry import ModelConfig, preset, variable_shapes
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 
 
 def save_weights(
-    path: str | Path, variables: dict, config: NetworkConfig, metadata: dict[str, str] | None = None
+    path: str | Path, variables: dict, config: ModelConfig, metadata: dict[str, str] | None = None
 ) -> None:
-    """Write variables and the configuration they belong to as one safetensors file.
+    """Write variables and their configuration to one safetensors file.
 
     Args:
         path: File to write, ending in ``.safetensors``.
-        variables: Collections ``params`` and ``batch_stats`` of :class:`OccCasNet`.
-        config: The network's configuration.
-        metadata: Further strings to keep, for instance what the weights were trained on.
+        variables: Variables of the model.
+        config: Configuration of the model.
+        metadata: Further strings to store, for instance the training data.
 
     Raises:
-        InputError: If the variables are not those of the configuration, or the name has another
-            suffix.
+        InputError: If the variables do not fit the configuration, or the file has another suffix.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "weights.safetensors"
+        >>> config = preset("tiny")
+        >>> zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape), variable_shapes(config))
+        >>> save_weights(path, zeros, config)
+        >>> load_weights(path)[1] == config
+        True
     """
     path = Path(path)
     if path.suffix != ".safetensors":
-        raise InputError(f"{path}: weights are written to a file that ends in .safetensors")
+        raise InputError(f"{path}: weights are written to .safetensors; rename the file")
     tensors = {
         name: np.asarray(value, order="C")
         for name, value in traverse_util.flatten_dict(variables, sep="/").items()
@@ -55,83 +62,95 @@ def save_weights(
 
 
 def load_weights(
-    path: str | Path, config: NetworkConfig | None = None, *, warp: Warp | None = None
-) -> tuple[dict, NetworkConfig]:
-    """Read weights, and with which network to use them.
+    path: str | Path, config: ModelConfig | None = None, *, warp: Warp | None = None
+) -> tuple[dict, ModelConfig]:
+    """Read weights and the configuration of their model.
 
     Args:
-        path: ``.safetensors`` written by :func:`save_weights`, or ``.h5`` / ``.hdf5`` in the
-            published layout.
-        config: The network they must fit, whatever its warp and feature statistics. By default the
-            one the file names, for the published layout the final OccCasNet.
-        warp: Which warp to use instead of the one the weights were trained with, which is
-            ``"transposed"`` for the published layout; see :class:`NetworkConfig`.
+        path: ``.safetensors`` written by :func:`save_weights` (also by earlier versions), or
+            ``.h5`` / ``.hdf5`` in the published layout.
+        config: Model that the weights must fit; its warp and feature statistics may differ. By
+            default the model that the file names, for the published layout ``occcasnet``.
+        warp: Warp to use instead of that of the training, which is ``"transposed"`` for the
+            published layout; see :class:`OccCasNetConfig`.
 
     Returns:
         ``variables`` and the configuration.
 
     Raises:
-        InputError: If the file cannot be read or was made for another network.
+        InputError: If the file cannot be read or was made for another model.
+
+    Example:
+        >>> from occjax.models.bundled import find_weights
+        >>> variables, config = load_weights(find_weights("proposal"))
+        >>> config.selector.width
+        32
     """
     path = Path(path)
-    if path.suffix.lower() in HDF5_SUFFIXES:
-        config = dataclasses.replace(config or preset("occcasnet"), warp=warp or "transposed")
-        return load_published_weights(path, config), config
-    if path.suffix.lower() != ".safetensors":
+    suffix = path.suffix.lower()
+    if suffix in HDF5_SUFFIXES:
+        published = preset("occcasnet") if config is None else config
+        if not isinstance(published, OccCasNetConfig):
+            raise InputError(f"{path}: the published layout holds weights of OccCasNet only")
+        published = dataclasses.replace(published, warp=warp or "transposed")
+        return load_published_weights(path, published), published
+    if suffix != ".safetensors":
         raise InputError(
-            f"{path}: weights end in .safetensors, or in .h5 or .hdf5 for the published layout"
+            f"{path}: not a file of weights; pass .safetensors, or .h5 or .hdf5 for the published "
+            "layout"
         )
     variables, stored = _load_safetensors(path)
     if config is not None:
-        wanted, found = (_what_weights_mean(each) for each in (config, stored))
-        difference = first_difference(wanted, found)
+        difference = first_difference(_meaning(config), _meaning(stored))
         if difference is not None:
-            raise InputError(f"{path}: was made for another network: {difference}")
+            raise InputError(f"{path}: was made for another model: {difference}")
     if warp is None:
         return variables, stored
-    if stored.views is None:
-        raise InputError(
-            f"the network of {path.name} has no choice of warp; leave out warp (--warp)"
-        )
+    if not isinstance(stored, OccCasNetConfig):
+        raise InputError(f"the model of {path.name} has no warp option; omit warp (--warp)")
     return variables, dataclasses.replace(stored, warp=warp)
 
 
-def _what_weights_mean(config: NetworkConfig) -> dict:
-    """The configuration without what changes neither shape nor meaning of a weight."""
-    if config.views is not None:
+def _meaning(config: ModelConfig) -> dict:
+    """Return the fields that change shape or meaning of a weight."""
+    if isinstance(config, OccCasNetConfig):
         config = dataclasses.replace(config, warp="correct", feature_statistics="pooled")
     return json.loads(config_to_json(config))
 
 
-def _load_safetensors(path: Path) -> tuple[dict, NetworkConfig]:
+def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
+        raise InputError(f"{path}: there is no such file; check the path")
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
-            flat = {name: jnp.asarray(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118
+            flat = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path}: is not a readable safetensors file ({error})") from error
     try:
         config = config_from_json(metadata["config"])
     except (KeyError, ValueError) as error:
         raise InputError(
-            f"{path}: holds no network configuration of this version; was it written by occjax?"
+            f"{path}: holds no model configuration of this version; was it written by occjax?"
         ) from error
+    flat = convert_legacy_names(flat)
     _check_fit(path, flat, config)
-    return traverse_util.unflatten_dict(flat, sep="/"), config
+    variables = {name: jnp.asarray(value) for name, value in flat.items()}
+    return traverse_util.unflatten_dict(variables, sep="/"), config
 
 
-def _check_fit(path: Path, flat: Mapping[str, Any], config: NetworkConfig) -> None:
-    """Name the first weight that is missing, superfluous, of another shape, or not finite."""
+def _check_fit(path: Path, flat: Mapping[str, Any], config: ModelConfig) -> None:
+    """Name the first weight that is missing, unknown, of another shape, or not finite."""
     expected = traverse_util.flatten_dict(variable_shapes(config), sep="/")
     for name in (*expected, *flat):
         if name not in flat:
             raise InputError(f"{path}: has no weight {name}")
         if name not in expected:
-            raise InputError(f"{path}: there is no place for {name}")
+            raise InputError(f"{path}: the model has no weight {name}")
         if flat[name].shape != expected[name].shape:
-            shapes = f"{list(flat[name].shape)}, {list(expected[name].shape)} is needed"
-            raise InputError(f"{path}: {name} is {shapes}")
-        if not jnp.isfinite(flat[name]).all():
-            raise InputError(f"{path}: {name} is not finite")
+            raise InputError(
+                f"{path}: {name} has shape {list(flat[name].shape)}, the model needs "
+                f"{list(expected[name].shape)}"
+            )
+        if not np.isfinite(flat[name]).all():
+            raise InputError(f"{path}: {name} has values that are not finite")

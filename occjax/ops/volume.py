@@ -1,14 +1,14 @@
-"""Cost volumes: the views brought into register for each disparity candidate, then combined.
+"""Cost volumes: views are registered with the centre view for each candidate, then combined.
 
-A volume is a choice of three independent things:
+Three independent choices define a volume:
 
 * the sampling: :func:`coarse_volume` shifts whole views, :func:`refined_volume` warps them around a
   disparity map;
-* ``combine``, what becomes of the registered views at one candidate: :func:`concatenate` (the
-  published network), :func:`mean_and_variance` or :func:`group_correlation`, or any function of the
-  same signature, for instance one that reduces a plane to a cost;
-* ``streamed``: all candidates at once, or one after the other, which keeps only one candidate's
-  registered views in memory. The answer is the same.
+* ``combine``, the function that turns the registered views at one candidate into a plane of the
+  volume: :func:`concatenate` (the published network), :func:`mean_and_variance`,
+  :func:`group_correlation`, or any function of the same signature, for instance a matching cost;
+* ``streamed``: compute all candidates at once, or one after the other, which keeps the registered
+  views of only one candidate in memory. Both give the same volume.
 """
 
 from __future__ import annotations
@@ -17,34 +17,28 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError
-from occjax.ops.convolution import type_of_sums
-from occjax.ops.geometry import view_offsets
-from occjax.ops.sampling import (
-    Border,
-    Rows,
-    as_coordinates,
-    as_images,
-    shift,
-    warp,
-    whole_and_fraction,
-)
+from occjax.kernels.bilinear import whole_and_fraction
+from occjax.kernels.reductions import accumulation_dtype
+from occjax.lightfield import centre_index, view_offsets
+from occjax.ops.sampling import Border, Rows, as_coordinates, as_images, shift, warp
 
 Combine = Callable[[Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]]
-"""Registered views and their weights at one candidate -> that candidate's plane of the volume."""
+"""Function of the registered views and their weights at one candidate; returns a volume plane."""
 
 
 def concatenate(
     views: Float[Array, "v u h w c"], weights: Float[Array, "v u h w"] | None = None
 ) -> Float[Array, "h w v*u*c"]:
-    """All features of all views side by side, the "concat" of shift-and-concat.
+    """Concatenate the features of all views: the "concat" of shift-and-concat (eq. 2).
 
     Args:
-        views: ``[v, u, h, w, c]`` views in register with the centre view.
-        weights: ``[v, u, h, w]`` factor of each view at each pixel, or None for one.
+        views: ``[v, u, h, w, c]`` views registered with the centre view.
+        weights: ``[v, u, h, w]`` factor of each view at each pixel; None for 1.
 
     Returns:
         ``[h, w, v * u * c]``; the channel of view (v, u) and feature c is ``(v * U + u) * C + c``.
@@ -66,18 +60,20 @@ def concatenate(
 def mean_and_variance(
     views: Float[Array, "v u h w c"], weights: Float[Array, "v u h w"] | None = None
 ) -> Float[Array, "h w 2*c"]:
-    """Weighted mean and variance over the views: a volume whose depth is free of their number.
+    """Compute the weighted mean and variance over the views.
 
-    ``mean = sum(w f) / sum(w)``, ``variance = sum(w (f - mean)^2) / sum(w)``. The paper names it as
-    future work; with occlusion weights, occluded views do not raise the variance.
+    ``mean = sum(w f) / sum(w)``, ``variance = sum(w (f - mean)^2) / sum(w)``. The number of
+    channels does not depend on the number of views (the paper names this as future work), and
+    occluded views of low weight do not raise the variance. Where all weights are zero, mean,
+    variance and all gradients are zero.
 
     Args:
-        views: ``[v, u, h, w, c]`` views in register with the centre view.
-        weights: ``[v, u, h, w]`` non-negative weight of each view at each pixel, or None for equal.
-            Where all are zero, mean and variance are zero.
+        views: ``[v, u, h, w, c]`` views registered with the centre view.
+        weights: ``[v, u, h, w]`` non-negative weight of each view at each pixel; None for equal
+            weights.
 
     Returns:
-        ``[h, w, 2 * c]``: the c means, then the c variances.
+        ``[h, w, 2 * c]``: first the c means, then the c variances.
 
     Raises:
         InputError: If the views are not floating point or the weights do not fit them.
@@ -91,17 +87,19 @@ def mean_and_variance(
         mean = views.mean((0, 1))
         variance = jnp.square(views - mean[None, None]).mean((0, 1))
     else:
-        normalised = _normalised(weights)[..., None].astype(views.dtype)
-        mean = (normalised * views).sum((0, 1))
-        variance = (normalised * jnp.square(views - mean[None, None])).sum((0, 1))
+        shares = _normalise(weights)[..., None].astype(views.dtype)
+        mean = (shares * views).sum((0, 1))
+        variance = (shares * jnp.square(views - mean[None, None])).sum((0, 1))
     return jnp.concatenate([mean, variance], axis=-1)
 
 
 def group_correlation(groups: int) -> Combine:
-    """Group-wise correlation of each view with the centre view, averaged over the views.
+    """Return a ``combine`` function: group-wise correlation of the views with the centre view.
 
-    The c channels are split into groups; in each, ``mean_c(f_view * f_centre)`` (Guo et al.,
-    Group-wise Correlation Stereo Network, CVPR 2019, eq. 2), then the weighted mean over the views.
+    The c channels are split into groups. The correlation of a group is
+    ``mean_c(f_view * f_centre)`` (Guo et al., Group-wise Correlation Stereo Network, CVPR 2019,
+    eq. 2). The plane holds its weighted mean over the views; it is zero, with zero gradients, where
+    all weights are zero.
 
     Args:
         groups: Number of groups, at least 1; must divide the number of channels.
@@ -110,7 +108,8 @@ def group_correlation(groups: int) -> Combine:
         A ``combine`` function whose planes are ``[h, w, groups]``.
 
     Raises:
-        InputError: If there is no group; when called, if the groups do not divide the channels.
+        InputError: If ``groups`` is less than 1. The returned function raises it if ``groups`` does
+            not divide the number of channels.
 
     Example:
         >>> group_correlation(2)(jnp.ones((3, 3, 4, 5, 6)), None).shape
@@ -125,12 +124,12 @@ def group_correlation(groups: int) -> Combine:
         views, weights = _views_and_weights(views, weights)
         v, u, h, w, c = views.shape
         if c % groups:
-            raise InputError(f"groups must divide the channels: {c} are no multiple of {groups}")
-        centre = views[v // 2, u // 2]
+            raise InputError(f"groups must divide the {c} channels; {groups} does not")
+        centre = views[centre_index((v, u))]
         products = (views * centre[None, None]).reshape(v, u, h, w, groups, c // groups).mean(-1)
         if weights is None:
             return products.mean((0, 1))
-        return (_normalised(weights)[..., None].astype(views.dtype) * products).sum((0, 1))
+        return (_normalise(weights)[..., None].astype(views.dtype) * products).sum((0, 1))
 
     return combine
 
@@ -140,28 +139,29 @@ def coarse_volume(
     candidates: Float[Array, " d"],
     *,
     weights: Float[Array, "v u r w"] | None = None,
-    offsets: Float[Array, "v u 2"] | None = None,
+    offsets: Float[Array | np.ndarray, "v u 2"] | None = None,
     combine: Combine = concatenate,
     streamed: bool = False,
     rows: Rows | None = None,
 ) -> Float[Array, "d ..."]:
-    """Cost volume of whole-image sub-pixel shifts (eq. 2, shift-and-concat).
+    """Compute the cost volume of whole-image sub-pixel shifts (eq. 2, shift-and-concat).
+
+    Taps outside a view read zero. The derivatives are those of :func:`occjax.ops.shift` and of
+    ``combine``.
 
     Args:
-        features: ``[v, u, h, w, c]`` features (or the images) of the views.
+        features: ``[v, u, h, w, c]`` features or images of the views.
         candidates: ``[d]`` disparity candidates, pixels per view step.
         weights: ``[v, u, r, w]`` weight of each view at each pixel of the centre view.
-        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
-            grid by default.
-        combine: What becomes of the registered views at one candidate.
-        streamed: One candidate, or one row of views, after the other (little memory) instead of
-            all at once.
-        rows: First row and number of rows r of the centre view to compute; all by default. An image
-            too large for memory is done strip by strip.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in view
+            steps; a regular grid by default.
+        combine: Function that combines the registered views at one candidate.
+        streamed: Compute one candidate, or one row of views, after the other. Needs less memory.
+        rows: First row and number of rows r of the centre view to compute, to process a large image
+            strip by strip; all rows by default.
 
     Returns:
-        ``[d, r, w, k]``, or ``[d, ...]`` with whatever planes ``combine`` makes. Taps outside a
-        view read zero.
+        ``[d, r, w, k]``, or ``[d, ...]`` with the planes that ``combine`` returns.
 
     Raises:
         InputError: If the features are not floating point, or the shapes do not fit together.
@@ -176,38 +176,39 @@ def coarse_volume(
     v, u, h, w, _ = features.shape
     weights = _weights(weights, (v, u, h if rows is None else rows[1], w))
     if streamed and combine is concatenate and weights is None:
-        return _concatenated(features, candidates, offsets, (0, h) if rows is None else rows)
+        return _concatenated_volume(features, candidates, offsets, rows or (0, h))
 
     def plane(candidate):
-        def to_centre(view, offset):
+        def register(view, offset):
             return shift(view, candidate, offset, rows=rows)
 
-        return combine(jax.vmap(jax.vmap(to_centre))(features, offsets), weights)
+        return combine(jax.vmap(jax.vmap(register))(features, offsets), weights)
 
-    return _over_candidates(plane, candidates, streamed)
+    return _map_candidates(plane, candidates, streamed)
 
 
-def _concatenated(
+def _concatenated_volume(
     features: Float[Array, "v u h w c"],
     candidates: Float[Array, " d"],
     offsets: Float[Array, "v u 2"],
     rows: Rows,
 ) -> Float[Array, "d r w k"]:
-    """The coarse volume of :func:`concatenate`, one row of views after the other.
+    """Compute the coarse volume of :func:`concatenate`, one row of views after the other.
 
-    On a CPU several times faster than shifting while channels are put side by side: planes are
-    shifted, contiguous in x, then transposed. Only a loop's end keeps XLA from fusing the two.
+    Planes that are contiguous in x are shifted first and transposed afterwards. On a CPU this is
+    several times faster than a shift of interleaved channels. The loop over rows of views keeps XLA
+    from fusing the two steps.
     """
     first, count = rows
     v, u, h, w, c = features.shape
 
     def add_row_of_views(volume, row):
         views, offsets, number = row
-        # A shift that goes beyond the frame would read nothing but zeros.
+        # whole_and_fraction limits a shift to h + 2 pixels; the frame is one pixel larger.
         frame = ((0, 0), (0, 0), (h + 3, h + 3), (w + 3, w + 3))
         framed = jnp.pad(views.transpose(0, 3, 1, 2), frame)
 
-        def shifted(view, displacement):
+        def shift_view(view, displacement):
             whole, fraction = whole_and_fraction(displacement, (h, w), view.dtype)
             row, column = whole + jnp.array([h + 3, w + 3], jnp.int32)
             row = row + jnp.asarray(first, jnp.int32)
@@ -218,14 +219,14 @@ def _concatenated(
 
             one = jnp.ones((), view.dtype)
             left, right = (
-                tap(0, at) * (one - fraction[0]) + tap(1, at) * fraction[0] for at in (0, 1)
+                tap(0, side) * (one - fraction[0]) + tap(1, side) * fraction[0] for side in (0, 1)
             )
             return left * (one - fraction[1]) + right * fraction[1]
 
-        def at(candidate):
-            return jax.vmap(shifted)(framed, -candidate * offsets)
+        def shift_row(candidate):
+            return jax.vmap(shift_view)(framed, -candidate * offsets)
 
-        planes = jax.lax.map(at, candidates)
+        planes = jax.lax.map(shift_row, candidates)
         planes = planes.transpose(0, 3, 4, 1, 2).reshape(len(candidates), count, w, 1, u * c)
         return jax.lax.dynamic_update_slice_in_dim(volume, planes, number, 3), None
 
@@ -238,21 +239,22 @@ def coarse_volume_means(
     features: Float[Array, "v u h w c"],
     candidates: Float[Array, " d"],
     *,
-    offsets: Float[Array, "v u 2"] | None = None,
+    offsets: Float[Array | np.ndarray, "v u 2"] | None = None,
 ) -> Float[Array, " k"]:
-    """Mean of each channel of :func:`coarse_volume` over candidates and pixels, in closed form.
+    """Compute the mean of each channel of :func:`coarse_volume`, in closed form.
 
-    How much each row and each column of a view counts depends on the candidate alone, so no volume
-    is needed for what the view attention of the published network looks at.
+    The mean is over candidates and pixels and is the input of the published network's view
+    attention. The weight of a row or column of a view depends on the candidate alone, so the volume
+    itself is not computed. The derivatives are those of the mean of the volume.
 
     Args:
-        features: ``[v, u, h, w, c]`` features (or the images) of the views.
+        features: ``[v, u, h, w, c]`` features or images of the views.
         candidates: ``[d]`` disparity candidates, pixels per view step.
-        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
-            grid by default.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in view
+            steps; a regular grid by default.
 
     Returns:
-        ``[v * u * c]``, channels as :func:`concatenate` has them; in at least float32.
+        ``[v * u * c]`` means in the channel order of :func:`concatenate`, at least float32.
 
     Raises:
         InputError: If the features are not floating point, or the shapes do not fit together.
@@ -264,21 +266,21 @@ def coarse_volume_means(
     features = as_images(features, "v u h w c", "features")
     candidates, offsets = _candidates(candidates), _offsets(features, offsets)
     _, _, h, w, _ = features.shape
-    features = features.astype(type_of_sums(features))
+    features = features.astype(accumulation_dtype(features))
 
-    def counts(size, offset):
-        """``[v, u, d, size]``: which share of a pixel's value comes from each row or column."""
-        moved = candidates[None, None, :, None] * offset[:, :, None, None]
-        place = jnp.arange(size, dtype=moved.dtype)[None, None, None] + moved
-        lower = jnp.floor(place)
-        inside = [(at >= 0) & (at < size) for at in (lower, lower + 1)]
-        shares = (1 - (place - lower), place - lower)
-        total = sum(jnp.where(*each, 0) for each in zip(inside, shares, strict=True))
+    def mean_weights(size, offset):
+        """Return ``[v, u, d, size]``: the weight of each row or column in the mean of a shift."""
+        displacement = candidates[None, None, :, None] * offset[:, :, None, None]
+        target = jnp.arange(size, dtype=displacement.dtype)[None, None, None] + displacement
+        lower = jnp.floor(target)
+        inside = [(tap >= 0) & (tap < size) for tap in (lower, lower + 1)]
+        weights = (1 - (target - lower), target - lower)
+        total = sum(jnp.where(*each, 0) for each in zip(inside, weights, strict=True))
         return (total / size).astype(features.dtype)
 
-    rows, columns = counts(h, offsets[..., 0]), counts(w, offsets[..., 1])
-    of_rows = jnp.einsum("vudi,vuijc->vudjc", rows, features, precision="highest")
-    means = jnp.einsum("vudj,vudjc->vuc", columns, of_rows, precision="highest")
+    rows, columns = mean_weights(h, offsets[..., 0]), mean_weights(w, offsets[..., 1])
+    row_means = jnp.einsum("vudi,vuijc->vudjc", rows, features, precision="highest")
+    means = jnp.einsum("vudj,vudjc->vuc", columns, row_means, precision="highest")
     return means.reshape(-1) / len(candidates)
 
 
@@ -288,29 +290,31 @@ def refined_volume(
     candidates: Float[Array, " d"],
     *,
     weights: Float[Array, "v u r w"] | None = None,
-    offsets: Float[Array, "v u 2"] | None = None,
+    offsets: Float[Array | np.ndarray, "v u 2"] | None = None,
     combine: Combine = concatenate,
     border: Border = "replicate",
     streamed: bool = False,
     first_row: int | Int[Array, ""] = 0,
 ) -> Float[Array, "d ..."]:
-    """Cost volume of per-pixel warps around a disparity map (eqs. 3 and 8).
+    """Compute the cost volume of per-pixel warps around a disparity map (eqs. 3 and 8).
+
+    The derivatives are those of :func:`occjax.ops.warp` and of ``combine``.
 
     Args:
-        features: ``[v, u, h, w, c]`` features (or the images) of the views.
+        features: ``[v, u, h, w, c]`` features or images of the views.
         disparity: ``[r, w]`` of all or some rows of the centre view, pixels per view step.
         candidates: ``[d]`` residual candidates, added to the disparity of each pixel.
         weights: ``[v, u, r, w]`` weight of each view at each pixel of the centre view, for instance
-            :func:`occjax.ops.occlusion_weights` (eq. 6).
-        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
-            grid by default.
-        combine: What becomes of the registered views at one candidate.
-        border: What lies outside a view, see :func:`occjax.ops.warp`.
-        streamed: One candidate after the other (little memory) instead of all at once.
+            from :func:`occjax.ops.occlusion_weights` (eq. 6).
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in view
+            steps; a regular grid by default.
+        combine: Function that combines the registered views at one candidate.
+        border: Values outside a view, see :func:`occjax.ops.warp`.
+        streamed: Compute one candidate after the other. Needs less memory.
         first_row: Row of the centre view at which ``disparity`` begins.
 
     Returns:
-        ``[d, r, w, k]``, or ``[d, ...]`` with whatever planes ``combine`` makes.
+        ``[d, r, w, k]``, or ``[d, ...]`` with the planes that ``combine`` returns.
 
     Raises:
         InputError: If the features are not floating point, or the shapes do not fit together.
@@ -331,14 +335,14 @@ def refined_volume(
         )
         return combine(registered, weights)
 
-    return _over_candidates(plane, candidates, streamed)
+    return _map_candidates(plane, candidates, streamed)
 
 
 def warp_views(
     views: Float[Array, "v u h w c"],
     disparity: Float[Array, "r w"],
     *,
-    offsets: Float[Array, "v u 2"] | None = None,
+    offsets: Float[Array | np.ndarray, "v u 2"] | None = None,
     border: Border = "replicate",
     first_row: int | Int[Array, ""] = 0,
 ) -> Float[Array, "v u r w c"]:
@@ -347,13 +351,13 @@ def warp_views(
     Args:
         views: ``[v, u, h, w, c]`` views or their features.
         disparity: ``[r, w]`` of all or some rows of the centre view, pixels per view step.
-        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
-            grid by default.
-        border: What lies outside a view, see :func:`occjax.ops.warp`.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in view
+            steps; a regular grid by default.
+        border: Values outside a view, see :func:`occjax.ops.warp`.
         first_row: Row of the centre view at which ``disparity`` begins.
 
     Returns:
-        ``[v, u, r, w, c]`` warped views; with the true disparity, all alike but for occlusions.
+        ``[v, u, r, w, c]`` warped views. With the true disparity they agree, except at occlusions.
 
     Raises:
         InputError: If the views are not floating point, or the shapes do not fit together.
@@ -364,13 +368,13 @@ def warp_views(
     """
     views = as_images(views, "v u h w c")
 
-    def to_centre(view, offset):
+    def register(view, offset):
         return warp(view, disparity, offset, border=border, first_row=first_row)
 
-    return jax.vmap(jax.vmap(to_centre))(views, _offsets(views, offsets))
+    return jax.vmap(jax.vmap(register))(views, _offsets(views, offsets))
 
 
-def _over_candidates(
+def _map_candidates(
     plane: Callable[[Array], Array], candidates: Float[Array, " d"], streamed: bool
 ) -> Float[Array, "d ..."]:
     return jax.lax.map(plane, candidates) if streamed else jax.vmap(plane)(candidates)
@@ -379,14 +383,15 @@ def _over_candidates(
 def _candidates(candidates: ArrayLike) -> Float[Array, " d"]:
     (candidates,) = as_coordinates(candidates)
     if candidates.ndim != 1:
-        raise InputError(f"candidates must be a list [d], not {list(candidates.shape)}")
+        raise InputError(f"candidates must be a vector [d], not {list(candidates.shape)}")
     return candidates
 
 
 def _offsets(views: Array, offsets: ArrayLike | None) -> Float[Array, "v u 2"]:
+    """Return the given offsets, or those of a regular grid, after a check of their shape."""
     grid = views.shape[:2]
     if offsets is None:
-        return view_offsets(*grid)
+        return jnp.asarray(view_offsets(*grid))
     (offsets,) = as_coordinates(offsets)
     if offsets.shape != (*grid, 2):
         raise InputError(f"offsets must be {[*grid, 2]}, not {list(offsets.shape)}")
@@ -394,7 +399,7 @@ def _offsets(views: Array, offsets: ArrayLike | None) -> Float[Array, "v u 2"]:
 
 
 def _weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> Array | None:
-    """Weights of exactly the shape: one for all views or all pixels would pass by broadcasting."""
+    """Return the weights after a check of their shape; weights are not broadcast."""
     if weights is None:
         return None
     weights = jnp.asarray(weights)
@@ -410,8 +415,8 @@ def _views_and_weights(
     return views, _weights(weights, views.shape[:4])
 
 
-def _normalised(weights: Float[Array, "v u h w"]) -> Float[Array, "v u h w"]:
-    """Weights that sum to one over the views, or to zero where there is none."""
+def _normalise(weights: Float[Array, "v u h w"]) -> Float[Array, "v u h w"]:
+    """Return weights that sum to one over the views, or to zero where all are zero."""
     total = weights.sum((0, 1), keepdims=True)
     present = total > 0
     return jnp.where(present, weights / jnp.where(present, total, jnp.ones_like(total)), 0.0)

@@ -17,36 +17,40 @@ from occjax.training.data import DataConfig, fixed, make_source, validation_scen
 from occjax.training.logging import read_log
 from occjax.training.loop import train
 from occjax.training.recipes import RECIPES, Recipe, recipe
+from occjax.training.tasks import task_of
 from occjax.training.validation import scenes_from_folders
 
-DEFAULT_RECIPE = "light"
+DEFAULT_RECIPE = "proposal"
 
 
 def training_command(arguments: Sequence[str]) -> Callable[..., int]:
-    """The command ``train``, for the command line to register.
+    """Return the function of the command ``occjax train``.
 
-    The defaults of its options are those of the recipe and the network that the arguments name, so
-    that ``--help`` shows them and any of them can be changed besides.
+    The defaults of its options are those of the recipe and the model that the arguments name, so
+    that ``--help`` shows them and any of them can be changed.
 
     Args:
-        arguments: Of the program, without its name.
+        arguments: Arguments of the command.
 
     Returns:
-        The command, which returns its exit code.
+        Function that returns the exit code.
+
+    Raises:
+        InputError: If there is no recipe or model of the given name.
     """
     defaults = _defaults(arguments)
 
     def train_command(
         folder: Positional[
-            Annotated[Path, arg(help="Where everything goes; one that is there is gone on with.")]
+            Annotated[
+                Path, arg(help="Training folder; if it contains a checkpoint, training resumes.")
+            ]
         ],
-        recipe: Annotated[
-            str, arg(help=f"What to start from: {', '.join(RECIPES)}.")
-        ] = DEFAULT_RECIPE,
+        recipe: Annotated[str, arg(help=f"Recipe: {', '.join(RECIPES)}.")] = DEFAULT_RECIPE,
         network_preset: Annotated[
             str | None,
             arg(
-                help=f"Network in place of the recipe's: {', '.join(PRESETS)}.",
+                help=f"Model instead of the recipe's: {', '.join(PRESETS)}.",
                 metavar="NETWORK",
                 help_behavior_hint="",
             ),
@@ -58,23 +62,21 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
             tuple[Path, ...], arg(help="Scenes with ground truth to validate on.", metavar="SCENE")
         ] = (),
         validation_samples: Annotated[
-            int, arg(help="Procedural light fields to validate on besides.")
+            int, arg(help="Number of procedural light fields to validate on.")
         ] = 0,
         initial_weights: Annotated[
             Path | None,
-            arg(help="Weights to begin with.", metavar="FILE", help_behavior_hint=""),
+            arg(help="File of the initial weights.", metavar="FILE", help_behavior_hint=""),
         ] = None,
         overfit_one: Annotated[
-            bool, arg(help="Train on the first batch alone, and see that it is learnt by heart.")
+            bool, arg(help="Train on the first batch only, and check that its loss halves.")
         ] = False,
     ) -> int:
-        """Train a network, or go on with training it."""
-        _check_names(recipe, network_preset)
+        """Train a model, or resume its training."""
         if overfit_one and config.steps < 2 * run.log_every:
             raise InputError(
-                f"--overfit-one compares the first line of the log with the last: {config.steps} "
-                f"steps with a line every {run.log_every} have one at most; pass more --steps or a "
-                "smaller --log-every"
+                f"--overfit-one needs two lines of the log, but {config.steps} steps with a line "
+                f"every {run.log_every} have fewer; pass more --steps or a smaller --log-every"
             )
         source = make_source(data, config.network)
         scenes = scenes_from_folders(validate, config, views=data.scenes.views)
@@ -96,23 +98,22 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
                 f"use it with: occjax estimate SCENE -o FOLDER --weights {trained.weights}"
             )
         else:
-            print(f"stopped after step {int(trained.state.step)}; start again to go on")
+            print(f"stopped after step {int(trained.state.step)}; start again to resume")
         return 0
 
     return train_command
 
 
 def _defaults(arguments: Sequence[str]) -> Recipe:
-    """The recipe that the arguments name; names that are wrong are reported by the command."""
-    name = _value_of(arguments, "--recipe") or DEFAULT_RECIPE
-    chosen = recipe(name if name in RECIPES else DEFAULT_RECIPE)
-    network_name = _value_of(arguments, "--network-preset")
-    if network_name is None or network_name not in PRESETS:
+    """Return the recipe that the arguments name, with the model that they name."""
+    chosen = recipe(_value_of(arguments, "--recipe") or DEFAULT_RECIPE)
+    name = _value_of(arguments, "--network-preset")
+    if name is None:
         return chosen
-    network = preset(network_name)
-    scenes = chosen.data.scenes
-    if network.views is not None:
-        scenes = dataclasses.replace(scenes, grid=network.views, views="all")
+    network, scenes = preset(name), chosen.data.scenes
+    views = task_of(network).view_selection(scenes.views)
+    if not isinstance(views, str):
+        scenes = dataclasses.replace(scenes, grid=views, views="all")
     return dataclasses.replace(
         chosen,
         train=dataclasses.replace(chosen.train, network=network),
@@ -121,7 +122,7 @@ def _defaults(arguments: Sequence[str]) -> Recipe:
 
 
 def _value_of(arguments: Sequence[str], option: str) -> str | None:
-    """Value of an option, whichever way it is given."""
+    """Return the value of an option, given as ``--option value`` or ``--option=value``."""
     for argument, following in zip(arguments, (*arguments[1:], None), strict=True):
         name, equals, value = argument.partition("=")
         if name.replace("_", "-") == option:
@@ -129,14 +130,8 @@ def _value_of(arguments: Sequence[str], option: str) -> str | None:
     return None
 
 
-def _check_names(recipe_name: str, network_name: str | None) -> None:
-    recipe(recipe_name)
-    if network_name is not None:
-        preset(network_name)
-
-
 def _report_overfit(folder: Path) -> int:
-    """Whether the one batch was learnt: 1, with a message, if the loss has not halved."""
+    """Print first and last loss of the one batch; return 1 if the loss has not halved."""
     entries = [entry for entry in read_log(folder) if entry["kind"] == "train"]
     first, last = entries[0], entries[-1]
     print(
@@ -145,5 +140,5 @@ def _report_overfit(folder: Path) -> int:
     )
     if last["loss"] <= 0.5 * first["loss"]:
         return 0
-    print("occjax: the loss of one batch has not halved: something is wrong", file=sys.stderr)
+    print("occjax: the loss of one batch has not halved: training is broken", file=sys.stderr)
     return 1

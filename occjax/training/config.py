@@ -1,92 +1,94 @@
-"""What a training run is: frozen dataclasses, all of them changeable from the command line.
+"""Settings of a training run: frozen dataclasses, whose fields are options of the command line.
 
-:class:`TrainConfig` holds what the weights depend on; a run that is resumed must have the same.
-:class:`RunConfig` holds how a process goes about it and may change with every start.
+:class:`TrainConfig` holds everything that the weights depend on except the data; a run must be
+resumed with the same settings. :class:`RunConfig` holds settings that do not affect the weights and
+may change with every start.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal
 
-from occjax.errors import InputError
-from occjax.models.config import NetworkConfig
+from occjax.errors import InputError, check_one_of
+from occjax.models.registry import ModelConfig, Precision
 
-Penalty = Literal["l1", "huber", "sharp", "log"]
+Penalty = Literal["l1", "log"]
 RateSchedule = Literal["constant", "cosine", "halving"]
-Precision = Literal["float32", "bfloat16"]
 
 
-def _one_of(name: str, value: str, choices: Any) -> None:
-    if value not in get_args(choices):
-        raise InputError(f"{name} is {' or '.join(get_args(choices))}, not {value!r}")
+def _check_positive(config: object, prefix: str, *names: str) -> None:
+    """Raise an error if one of the fields is neither None nor above 0."""
+    for name in names:
+        value = getattr(config, name)
+        if value is not None and not value > 0:
+            raise InputError(f"{prefix}{name} is {value}; pass more than 0")
 
 
-def _positive(name: str, value: int | float) -> None:
-    if not value > 0:
-        raise InputError(f"{name} is {value}; pass more than 0")
-
-
-def _not_negative(name: str, value: int | float) -> None:
-    if not value >= 0:
-        raise InputError(f"{name} is {value}; pass 0 or more")
+def _check_not_negative(config: object, prefix: str, *names: str) -> None:
+    """Raise an error if one of the fields is negative."""
+    for name in names:
+        value = getattr(config, name)
+        if not value >= 0:
+            raise InputError(f"{prefix}{name} is {value}; pass 0 or more")
 
 
 @dataclass(frozen=True)
 class LossConfig:
-    """What the network is told off for.
+    """Training loss settings.
 
     Attributes:
-        penalty: Of a disparity's error: ``"l1"`` as in the paper, ``"huber"`` (gentler where it is
-            small), ``"sharp"`` (stricter there) or ``"log"`` (lenient where it is large); see
-            :func:`occjax.training.losses.penalty`.
-        width: Error at which the latter three change their slope, pixels per view step.
-        stage_weights: Weight of each output of the cascade; none means 1 for each, as in the paper.
-        distribution: Weight of the cross-entropy between each stage's probabilities and the ground
-            truth.
-        occlusion: Weight of the cross-entropy between each stage's occlusion weights and exact
-            visibility. Only for sources that know visibility: elsewhere all views count as visible.
+        penalty: Penalty of the disparity error: ``"l1"`` as in the paper, or ``"log"``, which
+            limits the effect of large errors (:func:`occjax.training.losses.penalty`).
+        width: Error at which the slope of ``"log"`` is halved, pixels per view step.
+        distribution: Weight of the cross-entropy between the predicted probabilities and the ground
+            truth; 0 disables it.
         border: Pixels left out at each side.
-        settled: Of a choice among proposals, weight of the pixels for which at most one of them is
-            wrong (:func:`occjax.training.losses.choice_weight`).
+        settled: For ProposalNet, weight of pixels at which at most one proposal is wrong
+            (:func:`occjax.training.proposal.selection_weight`).
+        accurate_error: For ProposalNet, error up to which a proposal is fully accurate, pixels per
+            view step.
+        wrong_error: For ProposalNet, error from which on a proposal is wrong, pixels per view step.
     """
 
     penalty: Penalty = "l1"
     width: float = 0.02
-    stage_weights: tuple[float, ...] = ()
     distribution: float = 0.0
-    occlusion: float = 0.0
     border: int = 0
     settled: float = 1.0
+    accurate_error: float = 0.04
+    wrong_error: float = 0.12
 
     def __post_init__(self) -> None:
-        """Refuse what has no meaning."""
-        _one_of("loss.penalty", self.penalty, Penalty)
-        _positive("loss.width", self.width)
-        for name in ("distribution", "occlusion", "border", "settled"):
-            _not_negative(f"loss.{name}", getattr(self, name))
-        for weight in self.stage_weights:
-            _not_negative("loss.stage_weights", weight)
+        """Check the values."""
+        check_one_of("loss.penalty", self.penalty, Penalty)
+        _check_positive(self, "loss.", "width")
+        _check_not_negative(self, "loss.", "distribution", "border", "settled", "accurate_error")
+        if not self.accurate_error < self.wrong_error:
+            raise InputError(
+                f"loss.wrong_error is {self.wrong_error}; it must be greater than "
+                f"loss.accurate_error, {self.accurate_error}"
+            )
 
 
 @dataclass(frozen=True)
 class OptimiserConfig:
-    """AdamW and its learning rate.
+    """Settings of AdamW and of its learning rate.
 
     Attributes:
         peak_rate: Highest learning rate.
-        schedule: What follows the warm-up: ``"constant"``; ``"cosine"``, which falls to
-            ``final_fraction`` at the last step; or ``"halving"`` as published:
+        schedule: Learning rate after the warm-up: ``"constant"``; ``"cosine"``, which falls to
+            ``final_fraction`` of the peak at the last step; or ``"halving"``, the published
             ``peak_rate * 0.5 ** floor((epoch + 1) / halving_epochs)``, epochs counted from 0.
-        warm_up: Steps over which the rate rises linearly from nearly zero.
-        final_fraction: Part of the peak that ``"cosine"`` ends with.
-        epoch_steps: Steps of an epoch, for ``"halving"``.
+        warm_up: Number of steps over which the rate rises linearly to the peak.
+        final_fraction: Final rate of ``"cosine"`` divided by the peak rate.
+        epoch_steps: Steps per epoch, for ``"halving"``.
         halving_epochs: Epochs between two halvings.
-        first_moment: Decay of the gradients' running mean.
-        second_moment: Decay of the squared gradients' running mean.
-        weight_decay: Of the kernels, not of biases and normalisation; 0 is plain Adam.
-        clip: Largest norm of the gradient of all parameters together; none does not clip.
+        first_moment: Decay of the running mean of the gradients.
+        second_moment: Decay of the running mean of the squared gradients.
+        weight_decay: Weight decay of kernels; biases and normalisation do not decay. 0 is Adam.
+        clip: Largest norm of the gradient of all parameters together; None disables clipping.
     """
 
     peak_rate: float = 1e-3
@@ -101,32 +103,28 @@ class OptimiserConfig:
     clip: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot train."""
-        _one_of("optimiser.schedule", self.schedule, RateSchedule)
-        for name in ("peak_rate", "epoch_steps", "halving_epochs"):
-            _positive(f"optimiser.{name}", getattr(self, name))
-        for name in ("warm_up", "final_fraction", "weight_decay"):
-            _not_negative(f"optimiser.{name}", getattr(self, name))
-        if self.clip is not None:
-            _positive("optimiser.clip", self.clip)
+        """Check the values."""
+        check_one_of("optimiser.schedule", self.schedule, RateSchedule)
+        _check_positive(self, "optimiser.", "peak_rate", "epoch_steps", "halving_epochs", "clip")
+        _check_not_negative(self, "optimiser.", "warm_up", "final_fraction", "weight_decay")
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Everything but the data that the trained weights depend on.
+    """Settings that the trained weights depend on, except for the data.
 
     Attributes:
-        network: The network to train.
-        loss: What is minimised.
-        optimiser: How.
-        steps: Number of steps; the learning rate's schedule ends with them.
-        ema_decay: Decay of the running mean of weights and statistics, which is what is validated
-            and shipped; 0 keeps the last weights only.
+        network: Model to train.
+        loss: Settings of the loss.
+        optimiser: Settings of the optimiser.
+        steps: Number of steps; the schedule of the learning rate ends with them.
+        ema_decay: Decay of the exponential moving average of weights and statistics, which is
+            validated and written to the weights files; 0 uses the last weights.
         precision: Type of the convolutions; parameters stay float32.
-        seed: Of the first weights.
+        seed: Seed of the initial weights.
     """
 
-    network: NetworkConfig
+    network: ModelConfig
     loss: LossConfig = LossConfig()
     optimiser: OptimiserConfig = OptimiserConfig()
     steps: int = 20_000
@@ -135,26 +133,26 @@ class TrainConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot train."""
-        _one_of("precision", self.precision, Precision)
-        _positive("steps", self.steps)
+        """Check the values."""
+        check_one_of("precision", self.precision, Precision)
+        _check_positive(self, "", "steps")
         if not 0.0 <= self.ema_decay < 1.0:
             raise InputError(f"ema_decay is {self.ema_decay:g}; pass 0 or more, less than 1")
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """How a process goes about training; nothing here changes the weights.
+    """Settings of a process that trains; none of them affects the weights.
 
     Attributes:
-        minutes: Stop, with a checkpoint, after this long; the next start goes on from there.
+        minutes: Time after which training stops with a checkpoint; the next start resumes from it.
         checkpoint_minutes: Longest time between two checkpoints.
-        checkpoint_steps: Steps between two checkpoints; none leaves it to the time.
-        keep: Number of last checkpoints that are kept; the best one is kept besides.
-        log_every: Steps between two lines of the log, each the mean over the steps between.
-        validate_every: Steps between two validations; each makes a checkpoint.
+        checkpoint_steps: Number of steps between two checkpoints; None uses the time only.
+        keep: Number of latest checkpoints to keep, in addition to the best one.
+        log_every: Number of steps between two lines of the log, each the mean over these steps.
+        validate_every: Number of steps between two validations, each with a checkpoint.
         validation_border: Pixels that validation leaves out at each side.
-        prefetch: Batches made ahead while the network trains.
+        prefetch: Number of batches that are prepared while the model trains.
     """
 
     minutes: float | None = None
@@ -167,9 +165,7 @@ class RunConfig:
     prefetch: int = 2
 
     def __post_init__(self) -> None:
-        """Refuse what cannot run."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if value is not None and field.name != "validation_border":
-                _positive(field.name, value)
-        _not_negative("validation_border", self.validation_border)
+        """Check the values."""
+        names = {field.name for field in dataclasses.fields(self)} - {"validation_border"}
+        _check_positive(self, "", *sorted(names))
+        _check_not_negative(self, "", "validation_border")

@@ -1,4 +1,4 @@
-"""Which data a training sees, as a frozen dataclass, and the source that gives it."""
+"""Settings of the training data, and the source of batches that they describe."""
 
 from __future__ import annotations
 
@@ -6,26 +6,24 @@ import dataclasses
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import jax
 
 from occjax.data.augmentation import AugmentationConfig
 from occjax.data.folders import folder_source, published_source
-from occjax.data.photographs import load_photographs
 from occjax.data.pool import pool_source
-from occjax.data.scene_config import SceneConfig
+from occjax.data.procedural import SceneConfig
 from occjax.data.scenes import load_scenes
-from occjax.data.sources import Source, kept_source, mixture, procedural_source, random_views
-from occjax.data.views import Selection
+from occjax.data.sources import Source, kept_source, mixture, procedural_source
 from occjax.errors import InputError
-from occjax.models import NetworkConfig
-from occjax.training.prepared import prepared_source
+from occjax.models import ModelConfig, ProposalConfig
+from occjax.training.prepared import PatchConfig, prepared_source
 from occjax.training.step import BatchSource
-from occjax.training.validation import Scene, scenes_from_batch
+from occjax.training.tasks import task_of
+from occjax.training.validation import ValidationScene, scenes_from_batch
 
 VALIDATION_SEED = 2**31
-"""Added to the seed of procedural scenes that only validation sees."""
+"""Added to the seed for procedural scenes that only validation uses."""
 
 
 @dataclass(frozen=True)
@@ -33,67 +31,72 @@ class DataConfig:
     """Sources of training data and their shares of every batch.
 
     Attributes:
-        batch_size: Light fields in a step.
-        procedural_share: Of procedural light fields, which want a GPU to render them.
+        batch_size: Light fields per step.
+        procedural_share: Relative share of procedural light fields; rendering them in every step
+            needs a GPU.
         kept: Number of procedural light fields that are rendered before the first step, kept on the
             device and drawn from, 0.7 MB for each of 9x9 views and 64x64 pixels; 0 renders new ones
             in every step.
-        scenes: The distribution that procedural light fields are drawn from.
-        photographs: Whether some of their textures are photographs (needs scikit-image).
-        pools: Folders of procedural light fields that were rendered before.
-        pool_share: Of light fields of the pools, all pools alike.
-        prepared: Folder in which what a light network chooses from is kept; then steps train the
-            choice alone, on the light fields of the pools and nothing else. See
-            :mod:`occjax.training.prepared`.
+        scenes: Distribution of the procedural light fields.
+        pools: Folders of procedural light fields that ``occjax pool`` rendered.
+        pool_share: Relative share of the light fields of all pools together.
+        prepared: For ProposalNet, folder in which the proposals are kept. Training then uses the
+            light fields of the pools only (:mod:`occjax.training.prepared`).
+        patches: Choice of the patches of prepared light fields.
         folders: Scenes with ground truth, or folders of such scenes.
-        folder_share: Of patches of these scenes.
+        folder_share: Relative share of patches of these scenes.
         published: Whether patches of scenes are drawn and varied as published, 32x32 pixels;
             otherwise as ``augmentation`` says.
-        arrangements: For a network of any arrangement of views, how often a step sees which of the
-            views there are, as relative weights: ``all``, ``star``, ``cross`` or ``VxU``, such as
-            ``3x3`` for the inner ones. None means all of them in every step. What the light recipe
-            renders, an ``outer_star``, has no others; pass ``scenes.views star`` or ``all``.
-        augmentation: How light fields are varied; None for not at all.
-        seed: Of everything that is drawn.
+        augmentation: Random variation of light fields; None disables it.
+        seed: Seed of everything that is drawn at random.
     """
 
     batch_size: int = 16
     procedural_share: float = 1.0
     kept: int = 0
     scenes: SceneConfig = field(default_factory=SceneConfig)
-    photographs: bool = False
     pools: tuple[Path, ...] = ()
     pool_share: float = 1.0
     prepared: Path | None = None
+    patches: PatchConfig = field(default_factory=PatchConfig)
     folders: tuple[Path, ...] = ()
     folder_share: float = 1.0
     published: bool = False
-    arrangements: dict[str, float] = field(default_factory=dict)
     augmentation: AugmentationConfig | None = field(default_factory=AugmentationConfig)
     seed: int = 0
 
 
-def make_source(config: DataConfig, network: NetworkConfig) -> BatchSource:
-    """The source that a configuration describes.
+def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:
+    """Return the source of batches that the settings describe.
 
     Args:
         config: Sources and shares.
-        network: Which takes all views of its grid, or any arrangement.
+        network: Model to train.
 
     Returns:
         Function from the step to its batch.
 
     Raises:
-        InputError: If the scenes have other views than the network takes, there is no data at all,
-            or a folder cannot be used.
+        InputError: If the scenes do not have the views of the model, if there are no data, or if a
+            folder cannot be used.
+
+    Example:
+        >>> from occjax.training import recipe
+        >>> tiny = recipe("tiny")
+        >>> source = make_source(tiny.data, tiny.train.network)  # source(0) is the first batch
     """
-    _check_views(config.scenes, network)
+    views = task_of(network).view_selection(config.scenes.views)
+    if not isinstance(views, str) and (config.scenes.views, config.scenes.grid) != ("all", views):
+        v, u = views
+        raise InputError(
+            f"the network takes all views of a {v}x{u} grid; pass --data.scenes.views all "
+            f"--data.scenes.grid {v} {u}"
+        )
     if config.kept < 0:
         raise InputError(f"data.kept is {config.kept}; pass 0 or more")
-    views: Selection = config.scenes.views if network.views is None else network.views
-    size, seed, augmentation = config.batch_size, config.seed, config.augmentation
     if config.prepared is not None:
         return _prepared(config, config.prepared, network)
+    size, seed, augmentation = config.batch_size, config.seed, config.augmentation
     parts: dict[Source, float] = {}
     if config.procedural_share > 0.0:
         parts[_procedural(config, size, seed)] = config.procedural_share
@@ -112,21 +115,15 @@ def make_source(config: DataConfig, network: NetworkConfig) -> BatchSource:
         raise InputError(
             "there is no training data; give data.procedural_share, data.pools or data.folders"
         )
-    source = mixture(parts) if len(parts) > 1 else next(iter(parts))
-    if not config.arrangements:
-        return source
-    if network.views is not None:
-        raise InputError("the network takes all views of its grid; leave out data.arrangements")
-    selections = {_selection(name): weight for name, weight in config.arrangements.items()}
-    return random_views(source, selections, config.seed)
+    return mixture(parts) if len(parts) > 1 else next(iter(parts))
 
 
-def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
-    """Procedural light fields that training never sees, always the same ones.
+def validation_scenes(config: DataConfig, count: int) -> list[ValidationScene]:
+    """Render procedural light fields that training never uses, always the same ones.
 
     Args:
-        config: Of the training's data.
-        count: How many.
+        config: Settings of the training data.
+        count: Number of light fields.
 
     Returns:
         The scenes.
@@ -139,28 +136,25 @@ def validation_scenes(config: DataConfig, count: int) -> list[Scene]:
 
 
 def fixed(source: BatchSource) -> BatchSource:
-    """The first batch of a source in every step: what a network must be able to learn by heart."""
+    """Return a source that gives the first batch of another source in every step."""
     batch = jax.block_until_ready(source(0))
     return lambda step: batch
 
 
 def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
     make = partial(kept_source, count=config.kept) if config.kept else procedural_source
-    return make(
-        config.scenes,
-        batch_size=batch_size,
-        seed=seed,
-        photographs=load_photographs() if config.photographs else None,
-        augmentation=config.augmentation,
+    return make(config.scenes, batch_size=batch_size, seed=seed, augmentation=config.augmentation)
+
+
+def _prepared(config: DataConfig, folder: Path, network: ModelConfig) -> BatchSource:
+    unvaried = AugmentationConfig(
+        flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
     )
-
-
-def _prepared(config: DataConfig, folder: Path, network: NetworkConfig) -> BatchSource:
-    alone = config.procedural_share == 0.0 and not config.folders and not config.arrangements
-    if network.views is not None or not alone or not config.pools:
+    others = config.procedural_share > 0.0 or config.folders
+    if not isinstance(network, ProposalConfig) or others or not config.pools:
         raise InputError(
-            "data.prepared is for a network of any arrangement of views, trained on pools and "
-            "nothing else: pass data.pools, and 0 as data.procedural_share"
+            "data.prepared needs the proposal network and no data but pools; pass --recipe "
+            "proposal, --data.pools and --data.procedural-share 0"
         )
     return prepared_source(
         config.pools,
@@ -168,23 +162,6 @@ def _prepared(config: DataConfig, folder: Path, network: NetworkConfig) -> Batch
         network,
         config.batch_size,
         config.seed,
-        augmentation=config.augmentation or AugmentationConfig(flips=False, turns=False),
-    )
-
-
-def _selection(name: str) -> Selection:
-    """A selection of views by its name; ``select_views`` refuses what is none."""
-    rows, times, columns = name.partition("x")
-    if times and rows.isdecimal() and columns.isdecimal():
-        return int(rows), int(columns)
-    return cast(Selection, name)
-
-
-def _check_views(scenes: SceneConfig, network: NetworkConfig) -> None:
-    if network.views is None or (scenes.views == "all" and scenes.grid == network.views):
-        return
-    v, u = network.views
-    raise InputError(
-        f"the network takes all views of a {v}x{u} grid; pass --data.scenes.views all "
-        f"--data.scenes.grid {v} {u}"
+        augmentation=config.augmentation or unvaried,
+        patches=config.patches,
     )

@@ -1,4 +1,4 @@
-"""The log of a training: one JSON object a line, and TensorBoard where it is installed."""
+"""The log of a training: one JSON object per line, and TensorBoard if it is installed."""
 
 from __future__ import annotations
 
@@ -15,27 +15,24 @@ TENSORBOARD = "tensorboard"
 
 
 class Log:
-    """Writes ``log.jsonl`` and, if tensorboardX is installed, the folder ``tensorboard``.
+    """Writer of ``log.jsonl`` and, if tensorboardX is installed, of the folder ``tensorboard``.
 
-    Lines have ``kind`` (``"train"`` or ``"validation"``), ``step`` and numbers by name. Numbers
-    that are not finite become null, which JSON knows.
-
-    Attributes:
-        path: The file.
+    Each line has ``kind`` (``"train"`` or ``"validation"``), ``step`` and numbers by name. Numbers
+    that are not finite become null, since JSON has no such numbers.
     """
 
     def __init__(self, folder: Path, *, first_step: int = 0) -> None:
-        """Open the log, forgetting what was logged after the checkpoint that is gone on from.
+        """Open the log, and remove the lines after the checkpoint from which training resumes.
 
         Args:
-            folder: Of the training.
-            first_step: Number of steps done.
+            folder: Training folder.
+            first_step: Number of finished steps.
         """
-        self.path = folder / LOG_FILE
+        path = folder / LOG_FILE
         kept = [entry for entry in read_log(folder) if entry["step"] <= first_step]
-        with atomic_path(self.path) as temporary:
+        with atomic_path(path) as temporary:
             temporary.write_text("".join(_line(entry) for entry in kept), encoding="utf-8")
-        self._file = self.path.open("a", encoding="utf-8")
+        self._file = path.open("a", encoding="utf-8")
         self._board = _tensorboard(folder / TENSORBOARD, first_step)
 
     def __enter__(self) -> Log:
@@ -47,11 +44,11 @@ class Log:
             self._board.close()
 
     def write(self, kind: str, step: int, values: Mapping[str, float]) -> None:
-        """Log numbers of a step.
+        """Write one line.
 
         Args:
-            kind: What they are about.
-            step: Number of steps done.
+            kind: ``"train"`` or ``"validation"``.
+            step: Number of finished steps.
             values: Numbers by name.
         """
         numbers = {name: float(value) for name, value in values.items()}
@@ -63,15 +60,22 @@ class Log:
 
 
 def read_log(folder: str | Path) -> list[dict[str, Any]]:
-    """Lines of a training's log.
+    """Read the log of a training.
 
-    A last line that a crash left incomplete is passed over.
+    Lines that a crash left incomplete are skipped.
 
     Args:
-        folder: Of the training.
+        folder: Training folder.
 
     Returns:
         The entries, oldest first; none if there is no log.
+
+    Example:
+        >>> import tempfile
+        >>> folder = Path(tempfile.mkdtemp())
+        >>> _ = (folder / "log.jsonl").write_text('{"kind": "train", "step": 50, "loss": 0.3}')
+        >>> read_log(folder)
+        [{'kind': 'train', 'step': 50, 'loss': 0.3}]
     """
     path = Path(folder) / LOG_FILE
     entries = []

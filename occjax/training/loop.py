@@ -1,4 +1,4 @@
-"""The training loop: steps, log, validation, checkpoints, and an orderly end."""
+"""The training loop: steps, log, validation, checkpoints and interrupts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tqdm import tqdm
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
 from occjax.models import load_weights, save_weights
-from occjax.training.checkpoints import Checkpoints, claim_training
+from occjax.training.checkpoints import Checkpoints, open_training_folder
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.logging import Log
 from occjax.training.optimiser import learning_rate
@@ -34,7 +34,7 @@ from occjax.training.step import (
     state_of,
     train_step,
 )
-from occjax.training.validation import SCORE, Scene, check_scenes, validate
+from occjax.training.validation import SCORE, ValidationScene, check_scenes, validate
 
 WEIGHTS_FILE = "weights.safetensors"
 BEST_FILE = "best.safetensors"
@@ -42,11 +42,11 @@ PICTURES = "pictures"
 
 
 class Trained(NamedTuple):
-    """What :func:`train` returns.
+    """Result of :func:`train`.
 
     Attributes:
-        state: At the end.
-        finished: Whether all steps are done; if not, the time was up.
+        state: State after the last step.
+        finished: Whether all steps are done; otherwise the time was up.
         weights: File of the averaged weights.
     """
 
@@ -61,46 +61,48 @@ def train(
     folder: str | Path,
     *,
     run: RunConfig | None = None,
-    validation: Sequence[Scene] = (),
+    validation: Sequence[ValidationScene] = (),
     data: Mapping[str, Any] | None = None,
     initial_weights: str | Path | None = None,
     say: Callable[[str], None] = tqdm.write,
 ) -> Trained:
-    """Train a network, or go on with training it.
+    """Train a model, or resume its training.
 
-    Writes into the folder: ``config.json``; ``log.jsonl`` and, with tensorboardX, ``tensorboard``;
-    ``checkpoints`` of the whole state; after each validation ``pictures``, and ``best.safetensors``
-    if it is the best so far; ``weights.safetensors`` with every checkpoint. Both files hold the
-    running mean of the weights and are for ``occjax estimate --weights``.
+    The folder gets ``config.json``; ``log.jsonl`` and, with tensorboardX, ``tensorboard``;
+    ``checkpoints`` of the whole state; with every checkpoint ``weights.safetensors``; after each
+    validation ``pictures``, and ``best.safetensors`` if it is the best so far. Both weights files
+    contain the exponential moving average of the weights, for ``occjax estimate --weights``.
 
-    A folder that holds the beginning of this training is gone on with from its last checkpoint: the
-    outcome is that of a training that was never interrupted. On an interrupt (Ctrl-C) or a request
-    to terminate, the step under way is finished and saved.
+    If the folder already contains a checkpoint of this run, training resumes from it. The result is
+    that of an uninterrupted training. On an interrupt (Ctrl-C) or a request to terminate, the
+    current step is finished and saved.
 
     Args:
-        config: The training.
-        source: Its data.
-        folder: Where everything goes.
-        run: How to go about it.
+        config: Settings of the training.
+        source: Source of the batches.
+        folder: Folder of the training.
+        run: Settings of this process.
         validation: Light fields to validate on.
         data: Description of the source, which must be the same when training is resumed.
-        initial_weights: File of weights to begin with, in place of random ones.
-        say: Called with lines for the user.
+        initial_weights: File of the initial weights; random weights by default.
+        say: Function that is called with lines for the user.
 
     Returns:
-        The final state, and whether training is finished.
+        The final state, whether training is finished, and the file of the weights.
 
     Raises:
-        InputError: If the folder holds something else, the data or the weights do not fit the
-            network, or the loss is no longer finite.
-        KeyboardInterrupt: After saving, if interrupted.
+        InputError: If the folder contains something else, if the data or the weights do not fit the
+            model, or if the loss is no longer finite.
+        KeyboardInterrupt: If interrupted, after the state is saved.
 
     Example:
         ::
 
-            from occjax.training import RunConfig, recipe, train
+            from occjax.training import RunConfig, make_source, recipe, train
 
-            train(recipe("light"), source, "runs/light", run=RunConfig(minutes=60))
+            tiny = recipe("tiny")
+            source = make_source(tiny.data, tiny.train.network)
+            train(tiny.train, source, "runs/tiny", run=RunConfig(minutes=5))
     """
     folder, run = Path(folder), run or RunConfig()
     check_writable(folder)
@@ -108,13 +110,13 @@ def train(
     first = source(0)
     batch_sharding, state_sharding = shardings(first.disparity.shape[0])
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
-    claim_training(folder, {**dataclasses.asdict(config), **described})
+    open_training_folder(folder, {**dataclasses.asdict(config), **described})
 
     with Checkpoints(folder, keep=run.keep) as checkpoints:
         if checkpoints.latest_step is not None:
             like = jax.eval_shape(partial(init_state, config), first)
             state = checkpoints.restore(_placed(like, state_sharding))
-            say(f"{folder}: going on after step {checkpoints.latest_step}")
+            say(f"{folder}: resuming after step {checkpoints.latest_step}")
         else:
             state = _first_state(config, first, initial_weights)
             state = jax.device_put(state, state_sharding)
@@ -145,7 +147,7 @@ def train(
                 if stopping:
                     break
             if interrupted.is_set():
-                say(f"{folder}: interrupted after step {int(state.step)}; start again to go on")
+                say(f"{folder}: interrupted after step {int(state.step)}; start again to resume")
                 raise KeyboardInterrupt
     return Trained(state, int(state.step) >= config.steps, folder / WEIGHTS_FILE)
 
@@ -157,7 +159,7 @@ def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) 
 
 
 def _placed(state: TrainState, sharding: jax.sharding.Sharding) -> TrainState:
-    """Shapes of a state, to be put in a certain place."""
+    """Return the shapes of a state with their placement."""
 
     def place(leaf):
         return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
@@ -166,7 +168,7 @@ def _placed(state: TrainState, sharding: jax.sharding.Sharding) -> TrainState:
 
 
 class _Keeper:
-    """Decides when to validate and to save, and does it."""
+    """Validation and saving, when they are due."""
 
     def __init__(self, config, run, folder, validation, checkpoints, log, say) -> None:
         self.config, self.run, self.folder = config, run, folder
@@ -174,20 +176,20 @@ class _Keeper:
         self.saved = time.monotonic()
 
     def is_due(self, done: int) -> bool:
-        """Whether to keep the state after this step."""
+        """Return whether the state after this step is to be saved."""
         every = self.run.checkpoint_steps
         late = time.monotonic() - self.saved >= 60.0 * self.run.checkpoint_minutes
         return late or self._validates(done) or (every is not None and done % every == 0)
 
     def keep(self, state: TrainState, done: int, *, validating: bool) -> None:
-        """Validate if it is time to, and save."""
+        """Validate if it is due, and save."""
         if done == self.checkpoints.latest_step:
             return
         score = None
         if validating and self._validates(done):
             scores = self._validate(state, done)
-            score, best = scores[SCORE], self.checkpoints.best
-            if best is None or score < best[1]:
+            score, best = scores[SCORE], self.checkpoints.best_score
+            if best is None or score < best:
                 self._save_weights(state, BEST_FILE, done)
         self.checkpoints.save(state, score=score)
         self._save_weights(state, WEIGHTS_FILE, done)
@@ -218,7 +220,7 @@ class _Keeper:
 
 
 class _Meter:
-    """Means of what the steps report, on the log and on the progress bar."""
+    """Means of the metrics of several steps, for the log and the progress bar."""
 
     def __init__(self, config: TrainConfig, log: Log, bar: tqdm) -> None:
         self.rate = learning_rate(config.optimiser, config.steps)
@@ -226,12 +228,12 @@ class _Meter:
         self.restart()
 
     def restart(self) -> None:
-        """Begin to measure and to average anew."""
+        """Restart the means and the measurement of time."""
         self.pending: list[dict[str, jax.Array]] = []
         self.begin, self.waited = time.monotonic(), 0.0
 
     def waiting(self, batches: Iterator) -> Iterator:
-        """The batches, measuring how long they are waited for."""
+        """Yield the batches and measure the time spent waiting for them."""
         while True:
             begin = time.monotonic()
             item = next(batches, None)
@@ -241,8 +243,8 @@ class _Meter:
             yield item
 
     def add(self, metrics: dict[str, jax.Array]) -> None:
-        """Take what a step reports, without waiting for that step to end."""
-        if self.pending:  # the one before has ended: at most two steps' batches are in use
+        """Add the metrics of a step without waiting for the step to end."""
+        if self.pending:  # wait for the step before: at most two batches are in use
             jax.block_until_ready(self.pending[-1])
         self.pending.append(metrics)
         self.bar.update()
@@ -266,14 +268,14 @@ class _Meter:
         self.restart()
         if not math.isfinite(means["loss"]):
             raise InputError(
-                f"the loss is no longer finite at step {done}; go on from the last checkpoint with "
-                "a lower optimiser.peak_rate, a longer warm_up or clip, in another folder"
+                f"the loss is no longer finite at step {done}; train in another folder with a "
+                "lower optimiser.peak_rate, a longer optimiser.warm_up or with optimiser.clip"
             )
 
 
 @contextmanager
 def _interruption() -> Iterator[threading.Event]:
-    """An event that SIGINT or SIGTERM sets; a second one interrupts at once."""
+    """Give an event that SIGINT or SIGTERM sets; a second signal interrupts at once."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event

@@ -1,23 +1,22 @@
-"""AdamW with the learning rates that training uses."""
+"""AdamW and the schedules of its learning rate."""
 
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 import optax
 
 from occjax.training.config import OptimiserConfig
 
 
 def learning_rate(config: OptimiserConfig, steps: int) -> optax.Schedule:
-    """Learning rate as a function of the step.
+    """Return the schedule of the learning rate.
 
     Args:
-        config: Its shape.
-        steps: Length of the training, at whose last step ``"cosine"`` reaches its end.
+        config: Settings of the schedule.
+        steps: Number of training steps; ``"cosine"`` ends at the last one.
 
     Returns:
-        Function of the step, counted from 0.
+        Function from the step, counted from 0, to the learning rate.
 
     Example:
         >>> published = OptimiserConfig(schedule="halving", peak_rate=1e-3)
@@ -25,36 +24,46 @@ def learning_rate(config: OptimiserConfig, steps: int) -> optax.Schedule:
         >>> [round(1e6 * float(rate(4000 * epoch))) for epoch in (0, 28, 29, 59, 89)]
         [1000, 1000, 500, 250, 125]
     """
-    peak, warm_up, final = config.peak_rate, config.warm_up, config.final_fraction
+    peak, warm_up = config.peak_rate, config.warm_up
+    after: optax.Schedule = optax.constant_schedule(peak)
+    if config.schedule == "cosine":
+        falling = max(steps - 1 - warm_up, 1)
+        after = optax.cosine_decay_schedule(peak, falling, alpha=config.final_fraction)
+    elif config.schedule == "halving":
+        between = config.epoch_steps * config.halving_epochs
+        halved = optax.exponential_decay(peak, between, decay_rate=0.5, staircase=True)
 
-    def rate(step):
-        step = jnp.asarray(step, jnp.int32)
-        factor = jnp.float32(1.0)
-        if config.schedule == "cosine":
-            fallen = (step - warm_up).astype(jnp.float32) / max(steps - 1 - warm_up, 1)
-            wave = 0.5 + 0.5 * jnp.cos(jnp.pi * jnp.clip(fallen, 0.0, 1.0))
-            factor = final + (1.0 - final) * wave
-        elif config.schedule == "halving":
-            halvings = (step // config.epoch_steps + 1) // config.halving_epochs
-            factor = 0.5 ** halvings.astype(jnp.float32)
-        risen = jnp.minimum((step + 1).astype(jnp.float32) / max(warm_up, 1), 1.0)
-        return peak * factor * risen
+        # Halved at floor((epoch + 1) / halving_epochs): one epoch earlier. Steps count from the end
+        # of the warm-up here, epochs from the first step.
+        def after(step):
+            return halved(step + warm_up + config.epoch_steps)
 
-    return rate
+    if not warm_up:
+        return after
+    rising = optax.linear_schedule(peak / warm_up, peak, warm_up - 1)
+    return optax.join_schedules([rising, after], [warm_up])
 
 
 def make_optimiser(config: OptimiserConfig, steps: int) -> optax.GradientTransformation:
-    """Clipping and AdamW; only kernels decay.
+    """Return AdamW with clipped gradients (Loshchilov and Hutter, 2019); only kernels decay.
 
     Args:
-        config: Rates and moments.
-        steps: Length of the training.
+        config: Settings of the optimiser.
+        steps: Number of training steps.
 
     Returns:
         The gradient transformation.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> optimiser = make_optimiser(OptimiserConfig(peak_rate=0.1, schedule="constant"), 10)
+        >>> params = {"bias": jnp.zeros(2)}
+        >>> updates, _ = optimiser.update({"bias": jnp.ones(2)}, optimiser.init(params), params)
+        >>> updates["bias"].round(3).tolist()  # Adam's first step has the size of the rate
+        [-0.10000000149011612, -0.10000000149011612]
     """
 
-    def kernels(params):
+    def is_kernel(params):
         return jax.tree.map(lambda parameter: parameter.ndim > 1, params)
 
     adam = optax.adamw(
@@ -62,7 +71,7 @@ def make_optimiser(config: OptimiserConfig, steps: int) -> optax.GradientTransfo
         b1=config.first_moment,
         b2=config.second_moment,
         weight_decay=config.weight_decay,
-        mask=kernels,
+        mask=is_kernel,
     )
     if config.clip is None:
         return adam

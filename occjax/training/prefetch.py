@@ -1,4 +1,4 @@
-"""Batches made in a thread while the network trains on the ones before."""
+"""Batches that are prepared in a thread while the model trains."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def prefetch(
     ahead: int = 2,
     sharding: jax.sharding.Sharding | None = None,
 ) -> Generator[tuple[int, Batch], None, None]:
-    """Steps ``first`` to ``end - 1`` with their batches.
+    """Yield the steps ``first`` to ``end - 1`` with their batches.
 
     Args:
-        source: Makes the batches, one after the other, in one other thread.
+        source: Source of the batches; one other thread calls it, one batch after the other.
         first: First step.
         end: Step after the last.
-        ahead: Batches made ahead of the one in use.
-        sharding: Where to put them.
+        ahead: Number of batches prepared ahead of the one in use.
+        sharding: Placement of the batches on the devices.
 
     Yields:
         Number of the step and its batch.

@@ -1,8 +1,8 @@
-"""Light fields of pools, prepared: what a light network chooses from, computed once.
+"""Prepared light fields: the proposals of ProposalNet, computed once for many training steps.
 
-Everything before the choice of a network of any arrangement of views depends on no weights and
-takes most of the time of a step. It is computed when a light field is first drawn and kept in a
-folder, in about sixteen bytes for each pixel and proposal; all later steps train the choice alone.
+The steps before the selection have no weights and take most of the time of a training step. The
+proposals of a light field are computed when it is first drawn and kept in a folder, in about 16
+bytes per pixel and proposal. All later steps train the selector only.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import dataclasses
 import json
 import zipfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -22,207 +23,267 @@ from jaxtyping import Array, Bool, Float, Float16, Int16, UInt8
 
 import occjax
 from occjax.data.augmentation import AugmentationConfig, random_noise, random_tone
-from occjax.data.host import to_device
-from occjax.data.pool import DESCRIPTION, light_field_file, pool_size, read_sample
-from occjax.data.samples import Sample
+from occjax.data.pool import DESCRIPTION, light_field_files, read_sample
+from occjax.data.samples import LightFieldSample, select_views, to_device
 from occjax.data.sources import check_batch_size
-from occjax.data.views import select_views
+from occjax.data.transforms import Symmetry, turn_images, turn_offsets
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.claims import claim_folder, read_description
 from occjax.io.files import reading
-from occjax.models import Choice, NetworkConfig, OccCasNet
-from occjax.models.config import of_kind
-from occjax.models.description import config_to_json
-from occjax.models.proposals import Proposals
-from occjax.ops.aperture import SECTORS
+from occjax.io.run_folder import open_run_folder, read_description
+from occjax.models import ProposalConfig, ProposalNet
+from occjax.models.config_json import config_to_json
+from occjax.models.proposal.aperture import SECTORS
+from occjax.models.proposal.proposals import ProposalCosts, Proposals
 
 PREPARATION = "preparation.json"
+"""File that describes the light fields of a folder of prepared light fields."""
 
-FINENESS = 4096.0
-"""Proposals are kept as multiples of one over this, up to +-8 pixels per view step."""
-
-PLACES = 4
-"""Of so many places for a patch, the one with the most to mend is taken."""
-
-MENDABLE = 0.05
-"""Error from which on a pixel is to be mended, up to which a proposal mends it."""
+DISPARITY_STEPS = 4096.0
+"""Number of steps per pixel in which proposed disparities are stored, up to 8 pixels per view step
+in either direction."""
 
 
-Places = tuple[tuple[int, int], ...]
+@dataclass(frozen=True)
+class PatchConfig:
+    """Choice of the patches that are cut out of prepared light fields.
+
+    Attributes:
+        draws: Number of random places for a patch, of which the one with the most correctable
+            pixels is used.
+        correctable_error: Error threshold in pixels per view step: above it a pixel counts as
+            wrong, below it a proposal counts as correct.
+    """
+
+    draws: int = 4
+    correctable_error: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Check the number of places."""
+        if self.draws < 1:
+            raise InputError(f"data.patches.draws is {self.draws}; pass 1 or more")
 
 
-class Packed(NamedTuple):
-    """Proposals in few bytes; :func:`unpack` tells what the numbers mean."""
+class PackedProposals(NamedTuple):
+    """Proposals in few bytes, or a batch with a leading axis on every field.
+
+    Attributes:
+        centre: ``[h, w]`` grey centre view, times 255.
+        disparity: ``[h, w]`` refined disparity.
+        proposed: ``[k, h, w]`` proposed disparities, times 4096.
+        costs: ``[k, 13, h, w]`` square roots of the costs, times 255.
+        log_variance: ``[h, w]`` scaled logarithm of the variance of the search's candidates.
+        peak_probability: ``[h, w]`` probability of the search's most likely candidate.
+    """
 
     centre: UInt8[Array, "*b h w"]
     disparity: Float[Array, "*b h w"]
     proposed: Int16[Array, "*b k h w"]
     costs: UInt8[Array, "*b k 13 h w"]
-    spread: Float16[Array, "*b 2 h w"]
+    log_variance: Float16[Array, "*b h w"]
+    peak_probability: Float16[Array, "*b h w"]
 
 
 class PreparedSample(NamedTuple):
-    """A training example for the choice alone, or a batch with a leading axis on every field.
+    """A training example for the selector, or a batch with a leading axis on every field.
 
     Attributes:
-        packed: What there is to choose from.
-        disparity: ``[h, w]`` true disparity, scaled as the proposals are.
-        valid: ``[h, w]`` pixels whose ground truth counts.
+        packed: Proposals.
+        disparity: ``[h, w]`` true disparity at the configured reach, as that of the proposals.
+        valid: ``[h, w]`` pixels with ground truth.
     """
 
-    packed: Packed
+    packed: PackedProposals
     disparity: Float[Array, "*b h w"]
     valid: Bool[Array, "*b h w"]
 
 
-def pack(proposals: Proposals) -> Packed:
-    """Proposals in few bytes."""
+def pack(proposals: Proposals) -> PackedProposals:
+    """Store proposals in few bytes.
+
+    Args:
+        proposals: Proposals of one light field.
+    """
     largest = np.iinfo(np.int16).max
-    return Packed(
-        jnp.rint(255.0 * jnp.clip(proposals.centre, 0.0, 1.0)).astype(jnp.uint8),
-        proposals.disparity,
-        jnp.clip(jnp.rint(FINENESS * proposals.proposed), -largest, largest).astype(jnp.int16),
-        # The smallest costs tell most.
-        jnp.rint(255.0 * jnp.sqrt(proposals.costs.astype(jnp.float32))).astype(jnp.uint8),
-        proposals.spread.astype(jnp.float16),
+    # Square roots keep small costs, which matter most, accurate.
+    costs = jnp.sqrt(proposals.costs.channels.astype(jnp.float32))
+    proposed = jnp.clip(jnp.rint(DISPARITY_STEPS * proposals.proposed), -largest, largest)
+    return PackedProposals(
+        centre=jnp.rint(255.0 * jnp.clip(proposals.centre, 0.0, 1.0)).astype(jnp.uint8),
+        disparity=proposals.disparity,
+        proposed=proposed.astype(jnp.int16),
+        costs=jnp.rint(255.0 * costs).astype(jnp.uint8),
+        log_variance=proposals.log_variance.astype(jnp.float16),
+        peak_probability=proposals.peak_probability.astype(jnp.float16),
     )
 
 
-def unpack(packed: Packed) -> Proposals:
-    """The proposals, to within rounding."""
+def unpack(packed: PackedProposals) -> Proposals:
+    """Return packed proposals, exact up to rounding.
+
+    Args:
+        packed: Result of :func:`pack`.
+    """
+    costs = jnp.square(packed.costs.astype(jnp.float32) / 255.0)
     return Proposals(
-        packed.centre.astype(jnp.float32) / 255.0,
-        packed.disparity,
-        packed.proposed.astype(jnp.float32) / FINENESS,
-        jnp.square(packed.costs.astype(jnp.float32) / 255.0).astype(jnp.float16),
-        packed.spread.astype(jnp.float32),
+        centre=packed.centre.astype(jnp.float32) / 255.0,
+        disparity=packed.disparity,
+        proposed=packed.proposed.astype(jnp.float32) / DISPARITY_STEPS,
+        costs=ProposalCosts(costs.astype(jnp.float16)),
+        log_variance=packed.log_variance.astype(jnp.float32),
+        peak_probability=packed.peak_probability.astype(jnp.float32),
     )
 
 
 def prepared_source(
     pools: Sequence[str | Path],
     folder: str | Path,
-    network: NetworkConfig,
+    network: ProposalConfig,
     batch_size: int,
     seed: int,
     *,
     augmentation: AugmentationConfig,
+    patches: PatchConfig | None = None,
 ) -> Callable[[int], PreparedSample]:
-    """Light fields of pools, each once in a random order, then all in another order.
+    """Return a source that goes through pools in random order, in a new order each time.
 
-    Tone and noise of a light field are drawn once, before it is prepared; patch and symmetry each
-    time. Of a few places for a patch the one with the most pixels that a choice can mend is taken.
+    Tone and noise of a light field are drawn once, before its proposals are computed; patches and
+    symmetries are drawn each time.
 
     Args:
-        pools: Folders of :func:`occjax.data.pool.render_pool`, of light fields of one size; of a
-            grid of views the ``"outer_star"`` is used.
-        folder: Where what is prepared is kept; made if it is not there.
-        network: For which it is prepared.
+        pools: Folders of :func:`occjax.data.pool.render_pool`, whose light fields have one size.
+        folder: Folder of the prepared light fields; created if it does not exist.
+        network: Network that computes the proposals; its selector does not matter.
         batch_size: Light fields per step.
-        seed: Of order, patches and symmetries; in a new folder also of tone and noise, which stay
-            those of the seed it was made with.
-        augmentation: How light fields are varied; without stride and shear.
+        seed: Seed of order, patches and symmetries. In a new folder also the seed of tone and
+            noise, which then do not change with the seed.
+        augmentation: How light fields are varied.
+        patches: Choice of the patches.
 
     Returns:
         Source of batches of :class:`PreparedSample`.
 
     Raises:
-        InputError: If the folder holds something else, or a pool is none or empty.
+        InputError: If the folder contains something else, if a pool is missing or empty, or if the
+            crop does not fit the network; when called, if the crop is larger than the light fields.
     """
     check_batch_size(batch_size)
     folder = Path(folder)
-    files = [file for pool in pools for file in _light_fields(Path(pool))]
-    if augmentation.shear or augmentation.largest_stride > 1:
-        raise InputError(
-            "light fields are prepared whole: leave out augmentation.shear and .strides"
-        )
-    if any(side % network.multiple for side in augmentation.crop or ()):
-        raise InputError(
-            f"augmentation.crop is {augmentation.crop}; the network takes multiples of "
-            f"{network.multiple} pixels"
-        )
+    files = [file for pool in pools for file in light_field_files(pool)]
+    if augmentation.crop is not None:
+        check_crop(augmentation.crop, network)
     description = _description(pools, network, seed, augmentation)
-    varied = claim_folder(
+    stored = open_run_folder(
         folder, PREPARATION, description, contents="prepared light fields", may_differ=("seed",)
-    )["seed"]
-    places = network.stages[1].neighbours
+    )
 
     @lru_cache(maxsize=2)
     def order(epoch: int) -> np.ndarray:
         return np.random.default_rng((seed, epoch)).permutation(len(files))
 
-    def one(number: int) -> PreparedSample:
+    def prepared(number: int) -> PreparedSample:
         path = folder / f"{number:06d}.npz"
         if not path.exists():
-            sample = select_views(read_sample(files[number]), "outer_star")
-            key = jax.random.fold_in(jax.random.key(varied), number)
+            sample = select_views(read_sample(files[number]), network.views)
+            key = jax.random.fold_in(jax.random.key(stored["seed"]), number)
             write_prepared(path, prepare(key, to_device(sample), network, augmentation))
         return read_prepared(path)
 
     def source(step: int) -> PreparedSample:
-        patches = []
+        samples = []
         for drawn in range(step * batch_size, (step + 1) * batch_size):
             epoch, index = divmod(drawn, len(files))
+            sample = prepared(int(order(epoch)[index]))
             generator = np.random.default_rng((seed, drawn))
-            patches.append(patch(generator, one(int(order(epoch)[index])), places, augmentation))
-        return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *patches)
+            offsets = network.proposals.offsets
+            samples.append(
+                random_patch(generator, sample, offsets, augmentation, patches or PatchConfig())
+            )
+        return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *samples)
 
     return source
 
 
 @partial(jax.jit, static_argnames=("network", "augmentation"))
 def prepare(
-    key: Array, sample: Sample, network: NetworkConfig, augmentation: AugmentationConfig
+    key: Array,
+    sample: LightFieldSample,
+    network: ProposalConfig,
+    augmentation: AugmentationConfig,
 ) -> PreparedSample:
-    """Vary tone and noise of one light field, and compute what a network chooses from.
+    """Vary tone and noise of one light field and compute its proposals.
 
     Args:
         key: Random key.
-        sample: One light field.
-        network: Of any arrangement of views.
-        augmentation: Whose tone and noise are drawn.
+        sample: One light field (no batch axis).
+        network: Network that computes the proposals.
+        augmentation: Amounts of tone and noise.
 
     Returns:
-        The prepared light field, as large as the sample.
+        The prepared light field, of the size of the sample.
     """
-    for_tone, for_noise = jax.random.split(key)
-    sample = random_tone(
-        for_tone,
-        sample,
-        gamma=augmentation.gamma,
-        contrast=augmentation.contrast,
-        brightness=augmentation.brightness,
-    )
-    sample = random_noise(
-        for_noise,
-        sample,
-        largest=augmentation.noise,
-        probability=augmentation.noise_probability,
-    )
-    proposals = of_kind(
-        OccCasNet(network).apply({}, sample.views, sample.offsets, method="propose"), Proposals
-    )
-    scale = jnp.max(jnp.abs(sample.offsets)) / network.reach
-    return PreparedSample(pack(proposals), sample.disparity * scale, sample.valid)
+    tone_key, noise_key = jax.random.split(key)
+    sample = random_noise(noise_key, random_tone(tone_key, sample, augmentation), augmentation)
+    proposals, disparity = propose(sample, network)
+    return PreparedSample(pack(proposals), disparity, sample.valid)
 
 
-def patch(
-    generator: np.random.Generator,
-    sample: PreparedSample,
-    places: Places,
-    augmentation: AugmentationConfig,
-) -> PreparedSample:
-    """Cut a patch out of a prepared light field, flip and transpose it at random.
+def propose(
+    sample: LightFieldSample, network: ProposalConfig
+) -> tuple[Proposals, Float[Array, "h w"]]:
+    """Compute the proposals of one light field.
 
     Args:
-        generator: What is drawn from.
-        sample: Of NumPy arrays, without a batch axis.
-        places: Of the neighbours that propose.
-        augmentation: Its crop, flips and turns count.
+        sample: One light field (no batch axis).
+        network: Network that computes the proposals.
+
+    Returns:
+        Proposals, and ``[h, w]`` true disparity, both at the configured reach.
+    """
+    proposals = ProposalNet(network).apply({}, sample.views, sample.offsets, method="propose")
+    assert isinstance(proposals, Proposals)
+    scale = jnp.max(jnp.abs(sample.offsets)) / network.reach
+    return proposals, sample.disparity * scale
+
+
+def check_crop(crop: tuple[int, ...], network: ProposalConfig) -> None:
+    """Check that the selector can be applied to patches of a size.
+
+    Args:
+        crop: Height and width, in pixels.
+        network: Network with a selector.
+
+    Raises:
+        InputError: If the size is not a multiple of ``network.size_multiple``.
+    """
+    if any(side % network.size_multiple for side in crop):
+        raise InputError(
+            f"data.augmentation.crop is {'x'.join(map(str, crop))} pixels; the network needs "
+            f"multiples of {network.size_multiple} pixels"
+        )
+
+
+def random_patch(
+    generator: np.random.Generator,
+    sample: PreparedSample,
+    offsets: tuple[tuple[int, int], ...],
+    augmentation: AugmentationConfig,
+    config: PatchConfig,
+) -> PreparedSample:
+    """Cut a patch out of a prepared light field, and flip and transpose it at random.
+
+    Args:
+        generator: Random generator.
+        sample: NumPy arrays, without a batch axis.
+        offsets: Offsets ``(row, column)`` of the proposing neighbours, in pixels.
+        augmentation: Its crop, flips and turns.
+        config: Choice of the place.
 
     Returns:
         The patch.
+
+    Raises:
+        InputError: If the light field is smaller than the crop.
     """
     size = augmentation.crop or sample.disparity.shape
     room = [length - used for length, used in zip(sample.disparity.shape, size, strict=True)]
@@ -231,39 +292,47 @@ def patch(
             f"light fields of {list(sample.disparity.shape)} pixels are smaller than the crop, "
             f"{list(size)}; render larger ones or pass a smaller data.augmentation.crop"
         )
-    mendable = _mendable(sample)
-    corners = generator.integers(0, np.array(room) + 1, (PLACES, 2))
-    frames = [np.s_[..., y : y + size[0], x : x + size[1]] for y, x in corners]
-    frame = max(frames, key=lambda frame: mendable[frame].sum())
-    sample = jax.tree.map(lambda field: field[frame], sample)
-    exchanged, upside_down, mirrored = generator.integers(0, 2, 3)
-    if augmentation.turns and exchanged:
-        sample = transpose(sample, places)
-    if augmentation.flips and upside_down:
-        sample = flip_rows(sample, places)
-    if augmentation.flips and mirrored:
-        sample = flip_columns(sample, places)
+    correctable = _correctable(sample, config.correctable_error)
+    corners = generator.integers(0, np.array(room) + 1, (config.draws, 2))
+    windows = [np.s_[..., y : y + size[0], x : x + size[1]] for y, x in corners]
+    window = max(windows, key=lambda window: correctable[window].sum())
+    sample = jax.tree.map(lambda field: field[window], sample)
+    for symmetry, drawn in zip(get_args(Symmetry), generator.integers(0, 2, 3), strict=True):
+        if drawn and (augmentation.turns if symmetry == "transpose" else augmentation.flips):
+            sample = turn_prepared(sample, symmetry, offsets)
     return sample
 
 
-def transpose(sample: PreparedSample, places: Places) -> PreparedSample:
-    """Exchange rows and columns, of pixels and of views."""
-    turned = jax.tree.map(lambda field: np.swapaxes(field, -1, -2), sample)
-    return _moved(turned, places, lambda sector: 2 - sector, lambda row, column: (column, row))
+def turn_prepared(
+    sample: PreparedSample, symmetry: Symmetry, offsets: tuple[tuple[int, int], ...]
+) -> PreparedSample:
+    """Flip or transpose a prepared light field: pixels and views together.
 
+    Args:
+        sample: NumPy arrays, without a batch axis.
+        symmetry: The change.
+        offsets: Offsets ``(row, column)`` of the proposing neighbours, in pixels.
 
-def flip_rows(sample: PreparedSample, places: Places) -> PreparedSample:
-    """Turn upside down, pixels and views."""
-    turned = jax.tree.map(lambda field: field[..., ::-1, :], sample)
-    return _moved(turned, places, lambda sector: -sector, lambda row, column: (-row, column))
-
-
-def flip_columns(sample: PreparedSample, places: Places) -> PreparedSample:
-    """Mirror left to right, pixels and views."""
-    turned = jax.tree.map(lambda field: field[..., ::-1], sample)
-    return _moved(
-        turned, places, lambda sector: SECTORS // 2 - sector, lambda row, column: (row, -column)
-    )
+    Returns:
+        The changed light field, with the costs of sectors and the proposals of neighbours in the
+        order of the changed directions.
+    """
+    sectors = np.arange(SECTORS)
+    turned_sectors = {
+        "transpose": 2 - sectors,
+        "flip_rows": -sectors,
+        "flip_columns": SECTORS // 2 - sectors,
+    }
+    order = np.empty_like(sectors)
+    order[turned_sectors[symmetry] % SECTORS] = sectors
+    sample = jax.tree.map(lambda field: turn_images(field, symmetry), sample)
+    proposed, costs = sample.packed.proposed, ProposalCosts(sample.packed.costs)
+    proposals = np.arange(len(proposed))
+    for number, offset in enumerate(offsets, start=1):
+        proposals[number] = 1 + offsets.index(tuple(turn_offsets(np.array(offset), symmetry)))
+    turned = costs.permute_sectors(order).channels[proposals]
+    packed = sample.packed._replace(proposed=proposed[proposals], costs=turned)
+    return sample._replace(packed=packed)
 
 
 def write_prepared(path: Path, sample: PreparedSample) -> None:
@@ -271,10 +340,10 @@ def write_prepared(path: Path, sample: PreparedSample) -> None:
 
     Args:
         path: The ``.npz`` file.
-        sample: Without a batch axis.
+        sample: Prepared light field, without a batch axis.
 
     Raises:
-        InputError: If it cannot be written.
+        InputError: If the file cannot be written.
     """
     fields = {**sample.packed._asdict(), "truth": sample.disparity, "valid": sample.valid}
     arrays: dict[str, Any] = {name: np.asarray(field) for name, field in fields.items()}
@@ -283,78 +352,45 @@ def write_prepared(path: Path, sample: PreparedSample) -> None:
 
 
 def read_prepared(path: Path) -> PreparedSample:
-    """Read what :func:`write_prepared` writes, as NumPy arrays.
+    """Read a prepared light field that :func:`write_prepared` wrote.
 
     Args:
         path: The ``.npz`` file.
 
     Returns:
-        The prepared light field.
+        The prepared light field, of NumPy arrays.
 
     Raises:
-        InputError: If it cannot be read.
+        InputError: If the file cannot be read or is damaged.
     """
     try:
         with reading(path), path.open("rb") as file, np.load(file) as stored:
-            packed = Packed(*(stored[name] for name in Packed._fields))
+            packed = PackedProposals(*(stored[name] for name in PackedProposals._fields))
             return PreparedSample(packed, stored["truth"], stored["valid"])
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: is damaged; remove it, it is made again") from error
+        raise InputError(f"{path}: is damaged; remove it, and it is computed again") from error
 
 
-def _light_fields(pool: Path) -> list[Path]:
-    """The files of a pool."""
-    count = pool_size(pool)
-    if not count:
-        raise InputError(f"{pool}: is an empty pool; render it first")
-    return [light_field_file(pool, number) for number in range(count)]
-
-
-def _mendable(sample: PreparedSample) -> np.ndarray:
-    """Where the disparity is wrong and some proposal is right."""
+def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:
+    """Return ``[h, w]`` whether the refined disparity is wrong and a proposal is correct."""
     truth = np.asarray(sample.disparity)
-    proposed = np.asarray(sample.packed.proposed) / np.float32(FINENESS)
-    nearest = np.abs(proposed - truth).min(0)
-    wrong = np.abs(np.asarray(sample.packed.disparity) - truth) > MENDABLE
-    return wrong & (nearest < MENDABLE) & np.asarray(sample.valid)
-
-
-def _moved(sample: PreparedSample, places: Places, sector_of, place_of) -> PreparedSample:
-    """Costs of sectors and proposals of neighbours where, turned, they belong.
-
-    Args:
-        sample: Its images are turned already.
-        places: Of the neighbours.
-        sector_of: The sector that a sector becomes.
-        place_of: The place that a place becomes; doing it twice does nothing.
-    """
-    packed = sample.packed
-    order = np.arange(packed.costs.shape[-3])
-    order[sector_of(np.arange(SECTORS)) % SECTORS] = np.arange(SECTORS)
-    proposers = np.arange(packed.proposed.shape[-3])
-    proposers[1 : 1 + len(places)] = [1 + places.index(place_of(*place)) for place in places]
-    turned = packed._replace(
-        proposed=packed.proposed[proposers], costs=packed.costs[proposers][:, order]
-    )
-    return sample._replace(packed=turned)
+    proposed = np.asarray(sample.packed.proposed) / np.float32(DISPARITY_STEPS)
+    wrong = np.abs(np.asarray(sample.packed.disparity) - truth) > threshold
+    return wrong & (np.abs(proposed - truth).min(0) < threshold) & np.asarray(sample.valid)
 
 
 def _description(
-    pools: Sequence[str | Path], network: NetworkConfig, seed: int, augmentation: AugmentationConfig
+    pools: Sequence[str | Path],
+    network: ProposalConfig,
+    seed: int,
+    augmentation: AugmentationConfig,
 ) -> dict:
-    """All that a prepared light field depends on."""
-    kept = ("gamma", "contrast", "brightness", "noise", "noise_probability")
+    """Return all settings that the prepared light fields depend on."""
+    varied = ("gamma", "contrast", "brightness", "noise", "noise_probability")
     return {
         "version": occjax.__version__,
         "pools": [read_description(Path(pool) / DESCRIPTION) for pool in pools],
-        "network": json.loads(config_to_json(_without_weights(network))),
+        "network": json.loads(config_to_json(dataclasses.replace(network, selector=None))),
         "seed": seed,
-        "augmentation": {name: getattr(augmentation, name) for name in kept},
+        "augmentation": {name: getattr(augmentation, name) for name in varied},
     }
-
-
-def _without_weights(network: NetworkConfig) -> NetworkConfig:
-    """The same for all widths of the learned part."""
-    search, choice = network.stages
-    plain = dataclasses.replace(choice, aggregation=Choice(), window=None)
-    return dataclasses.replace(network, stages=(search, plain))

@@ -1,4 +1,4 @@
-"""Trainings by name: what to start from, and the paper's own."""
+"""Recipes: named trainings with their data."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.scene_config import TEXTURED, Defects, SceneConfig
+from occjax.data.procedural import TEXTURED, Defects, SceneConfig
 from occjax.errors import InputError
-from occjax.models import NetworkConfig, preset
+from occjax.models import ALIASES, OccCasNetConfig, preset
 from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
 from occjax.training.data import DataConfig
 
-EPOCH = 4000
-"""Steps of an epoch as published."""
+PUBLISHED_EPOCH_STEPS = 4000
+"""Number of steps per epoch of the published training."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Recipe:
     """A training with its data.
 
     Attributes:
-        train: What is trained and how.
-        data: On what.
-        run: How to go about it.
+        train: Model, loss and optimiser.
+        data: Training data.
+        run: Settings of the process.
     """
 
     train: TrainConfig
@@ -33,26 +33,26 @@ class Recipe:
     run: RunConfig = field(default_factory=RunConfig)
 
 
-def light() -> Recipe:
-    """The light network on procedural light fields.
+def proposal() -> Recipe:
+    """Return the training of ProposalNet on procedural light fields.
 
-    Command: ``occjax train runs/light --recipe light``; on a CPU from a pool, with
+    Command: ``occjax train runs/proposal --recipe proposal``; on a CPU from a pool, with
     ``--data.procedural-share 0 --data.pools POOL --data.prepared FOLDER``.
     """
     optimiser = OptimiserConfig(peak_rate=2e-3, warm_up=200, weight_decay=1e-4, clip=1.0)
     loss = LossConfig(penalty="log", width=0.05, distribution=1.0, settled=0.2)
-    # The camera's own faults are among the generator's.
+    # The procedural light fields already have the faults of a camera.
     augmentation = AugmentationConfig(
         crop=(96, 96), gamma=1.0, contrast=1.2, brightness=0.0, noise=0.008, noise_probability=0.3
     )
     return Recipe(
-        TrainConfig(preset("light"), loss, optimiser, steps=20_000, ema_decay=0.997),
-        DataConfig(batch_size=4, photographs=True, scenes=TEXTURED, augmentation=augmentation),
+        TrainConfig(preset("proposal"), loss, optimiser, steps=20_000, ema_decay=0.997),
+        DataConfig(batch_size=4, scenes=TEXTURED, augmentation=augmentation),
     )
 
 
 def full() -> Recipe:
-    """The network of the paper with the right warp, on procedural light fields, for a GPU.
+    """Return the training of OccCasNet with the correct warp on procedural light fields, for a GPU.
 
     Command: ``occjax train runs/full --recipe full``: 20,000 steps of 32 patches in bfloat16.
     """
@@ -66,34 +66,33 @@ def full() -> Recipe:
         calm=0.1,
         defects=Defects(noise=0.3),
     )
-    # Rendered anew for each step, they would take nearly as long as the steps.
-    data = DataConfig(
-        batch_size=32, kept=6000, photographs=True, scenes=scenes, augmentation=_square(32)
-    )
+    # Rendering new light fields in each step would take nearly as long as the step.
+    data = DataConfig(batch_size=32, kept=6000, scenes=scenes, augmentation=_square(32))
     return Recipe(TrainConfig(network, loss, optimiser, steps=20_000, precision="bfloat16"), data)
 
 
 def published() -> Recipe:
-    """Optimiser, batch and length of the published training: 120 epochs of 4000 steps.
+    """Return the published training of OccCasNet: 120 epochs of 4000 steps (Chao et al., 2023).
 
     Command: ``occjax train runs/published --recipe published --data.folders FOLDER``, with the
     folder of the HCI benchmark's 16 additional scenes.
     """
     network = preset("occcasnet", feature_statistics="per_view")
     optimiser = OptimiserConfig(
-        peak_rate=1e-3, schedule="halving", epoch_steps=EPOCH, halving_epochs=30
+        peak_rate=1e-3, schedule="halving", epoch_steps=PUBLISHED_EPOCH_STEPS, halving_epochs=30
     )
+    steps = 120 * PUBLISHED_EPOCH_STEPS
     return Recipe(
-        TrainConfig(network, LossConfig(), optimiser, steps=120 * EPOCH, ema_decay=0.0),
+        TrainConfig(network, LossConfig(), optimiser, steps=steps, ema_decay=0.0),
         DataConfig(
             batch_size=32, procedural_share=0.0, published=True, scenes=_all_views(network, 32)
         ),
-        RunConfig(validate_every=EPOCH),
+        RunConfig(validate_every=PUBLISHED_EPOCH_STEPS),
     )
 
 
 def tiny() -> Recipe:
-    """A network of 3x3 views on small scenes, to try things on with a CPU.
+    """Return the training of a network of 3x3 views on small scenes, to try things on a CPU.
 
     Command: ``occjax train runs/tiny --recipe tiny``.
     """
@@ -110,34 +109,35 @@ def tiny() -> Recipe:
 
 
 RECIPES: Mapping[str, Callable[[], Recipe]] = MappingProxyType(
-    {each.__name__: each for each in (light, full, published, tiny)}
+    {each.__name__: each for each in (proposal, full, published, tiny)}
 )
+"""Recipes by name."""
 
 
 def recipe(name: str) -> Recipe:
-    """A training by its name.
+    """Return a recipe by its name.
 
     Args:
-        name: One of :data:`RECIPES`.
+        name: One of :data:`RECIPES`, or ``"light"``, the former name of ``"proposal"``.
 
     Returns:
         The recipe; change it with ``dataclasses.replace``.
 
     Raises:
-        InputError: If there is none of that name.
+        InputError: If there is no recipe of that name.
 
     Example:
         >>> recipe("full").train.steps
         20000
     """
+    name = ALIASES.get(name, name)
     if name not in RECIPES:
         raise InputError(f"there is no recipe named {name!r}; there are {', '.join(RECIPES)}")
     return RECIPES[name]()
 
 
-def _all_views(network: NetworkConfig, size: int) -> SceneConfig:
-    """Square scenes with the views that a network takes."""
-    assert network.views is not None
+def _all_views(network: OccCasNetConfig, size: int) -> SceneConfig:
+    """Return square scenes with the views of a network."""
     return SceneConfig(image_size=(size, size), grid=network.views, views="all")
 
 

@@ -1,4 +1,4 @@
-"""One step of training, a pure function."""
+"""One training step, a pure function."""
 
 from __future__ import annotations
 
@@ -14,36 +14,32 @@ import optax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from occjax.data.samples import Sample
-from occjax.models import NetworkConfig, OccCasNet, StageOutput
-from occjax.models.layers import BATCH_AXIS
+from occjax.data.samples import LightFieldSample
 from occjax.training.config import TrainConfig
-from occjax.training.losses import cascade_loss, inside_border
 from occjax.training.optimiser import make_optimiser
-from occjax.training.prepared import PreparedSample, unpack
+from occjax.training.prepared import PreparedSample
+from occjax.training.tasks import TrainingTask, task_of
 
-Batch = Sample | PreparedSample
-"""What a step takes: light fields, or what the choice of a light network needs of them."""
+Batch = LightFieldSample | PreparedSample
+"""Training examples with a leading axis on every field: light fields, or prepared proposals."""
 
 BatchSource = Callable[[int], Batch]
-"""Gives the batch of a step, see :data:`occjax.data.sources.Source`."""
-
-BAD = 0.07
-"""Error above which a pixel counts as bad in the log, pixels per view step."""
+"""Returns the batch of a step, see :data:`occjax.data.sources.Source`."""
 
 
 class TrainState(NamedTuple):
     """Everything that a step changes.
 
-    There is no random key: nothing in a step is drawn at random, and sources of data are functions
-    of the step's number.
+    There is no random key: a step draws nothing at random, and sources of data are functions of the
+    number of the step.
 
     Attributes:
-        step: ``[]`` number of steps done.
-        params: Parameters of the network.
-        batch_stats: Running statistics of its BatchNorm, an empty dict if it has none.
-        opt_state: Of the optimiser.
-        ema: Running mean of ``{"params", "batch_stats"}``: the variables to validate and to ship.
+        step: ``[]`` number of finished steps.
+        params: Parameters of the model.
+        batch_stats: Running statistics of BatchNorm; empty if the model has none.
+        opt_state: State of the optimiser.
+        ema: Exponential moving average of ``{"params", "batch_stats"}``: the variables that are
+            validated and written to the weights files.
     """
 
     step: Int[Array, ""]
@@ -54,32 +50,39 @@ class TrainState(NamedTuple):
 
 
 def init_state(config: TrainConfig, batch: Batch) -> TrainState:
-    """State before the first step, with random weights.
+    """Return the state before the first step, with random weights.
 
     Args:
-        config: The training.
-        batch: Examples of the kind that will be trained on, for their shapes.
+        config: Settings of the training.
+        batch: A batch, for the shapes of its examples.
 
     Returns:
-        The state; the same for the same seed.
+        The state, a function of ``config.seed``.
+
+    Example:
+        >>> from occjax.data.samples import numpy_sample
+        >>> from occjax.models import preset
+        >>> views, offsets = np.zeros((4, 3, 3, 16, 16), np.float32), np.zeros((4, 3, 3, 2))
+        >>> batch = numpy_sample(views, offsets, views[:, 1, 1])
+        >>> state = jax.eval_shape(partial(init_state, TrainConfig(preset("tiny"))), batch)
+        >>> sorted(state.ema)
+        ['batch_stats', 'params']
     """
-    one = jax.tree.map(lambda field: jnp.asarray(field[0]), batch)
-    return state_of(_first_variables(jax.random.key(config.seed), one, config.network), config)
+    example = jax.tree.map(lambda field: jnp.asarray(field[0]), batch)
+    return state_of(_init(jax.random.key(config.seed), example, config), config)
 
 
-@partial(jax.jit, static_argnames="network")
-def _first_variables(key: Array, one: Batch, network: NetworkConfig) -> dict:
-    if isinstance(one, PreparedSample):
-        return dict(OccCasNet(network).init(key, unpack(one.packed), method="choose"))
-    return dict(OccCasNet(network).init(key, one.views, **network_inputs(network, one)))
+@partial(jax.jit, static_argnames="config")
+def _init(key: Array, example: Batch, config: TrainConfig) -> dict:
+    return _task(config).init(key, example)
 
 
 def state_of(variables: dict, config: TrainConfig) -> TrainState:
-    """State before the first step, with given weights.
+    """Return the state before the first step, with given weights.
 
     Args:
-        variables: Of the network.
-        config: The training.
+        variables: Variables of the model.
+        config: Settings of the training.
 
     Returns:
         The state.
@@ -90,7 +93,7 @@ def state_of(variables: dict, config: TrainConfig) -> TrainState:
         params=params,
         batch_stats=batch_stats,
         opt_state=make_optimiser(config.optimiser, config.steps).init(params),
-        # A step donates its state, where no buffer may occur twice.
+        # A step donates its state, in which no buffer may occur twice.
         ema=jax.tree.map(jnp.copy, {"params": params, "batch_stats": batch_stats}),
     )
 
@@ -99,28 +102,38 @@ def state_of(variables: dict, config: TrainConfig) -> TrainState:
 def train_step(
     state: TrainState, batch: Batch, *, config: TrainConfig
 ) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
-    """One step of the optimiser on a batch.
+    """Update the weights once.
 
-    BatchNorm takes its statistics over the whole batch, on however many devices it lies.
+    BatchNorm uses the statistics of the whole batch, on however many devices it lies.
 
     Args:
-        state: Before the step; its buffers are given away.
-        batch: The examples.
-        config: The training.
+        state: State before the step; its buffers are donated.
+        batch: Training examples.
+        config: Settings of the training.
 
     Returns:
-        The state after the step, and of the batch before it: ``loss``, the errors that
-        :func:`occjax.training.losses.cascade_loss` names, ``badpix`` (percentage of errors of the
-        last output above 0.07) and ``gradient_norm`` (before clipping).
+        The state after the step, and the metrics of the batch before it: ``loss``; the errors of
+        the model's task, such as ``disparity_0``; ``badpix``, the percentage of pixels with an
+        error above 0.07; ``gradient_norm``, before clipping.
+
+    Example:
+        ::
+
+            from occjax.training import init_state, make_source, recipe, train_step
+
+            tiny = recipe("tiny")
+            source = make_source(tiny.data, tiny.train.network)
+            state = init_state(tiny.train, source(0))
+            for step in range(100):
+                state, metrics = train_step(state, source(step), config=tiny.train)
     """
+    task = _task(config)
 
     def loss_of(params):
-        outputs, batch_stats = apply_to_batch(params, state.batch_stats, batch, config)
-        loss, errors = cascade_loss(outputs, batch, config.loss)
-        return loss, (outputs[-1].disparity, errors, batch_stats)
+        return task.loss(params, state.batch_stats, batch)
 
     gradient = jax.value_and_grad(loss_of, has_aux=True)
-    (loss, (disparity, errors, batch_stats)), gradients = gradient(state.params)
+    (loss, (metrics, batch_stats)), gradients = gradient(state.params)
     optimiser = make_optimiser(config.optimiser, config.steps)
     with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer power
         updates, opt_state = optimiser.update(gradients, state.opt_state, state.params)
@@ -129,62 +142,14 @@ def train_step(
     ema = optax.incremental_update(
         {"params": params, "batch_stats": batch_stats}, state.ema, 1.0 - decay
     )
-    metrics = {
-        "loss": loss,
-        **errors,
-        "badpix": _bad_percentage(disparity, batch, config.loss.border),
-        "gradient_norm": optax.tree.norm(gradients),
-    }
+    metrics = {"loss": loss, **metrics, "gradient_norm": optax.tree.norm(gradients)}
     return TrainState(state.step + 1, params, batch_stats, opt_state, ema), metrics
 
 
-def apply_to_batch(
-    params: dict, batch_stats: dict, batch: Batch, config: TrainConfig
-) -> tuple[tuple[StageOutput, ...], dict]:
-    """The network in training, on every example of a batch.
-
-    Args:
-        params: Parameters.
-        batch_stats: Running statistics of BatchNorm.
-        batch: The examples.
-        config: The training.
-
-    Returns:
-        Outputs with a batch axis on every field, and the new running statistics.
-    """
-    network = OccCasNet(config.network, dtype=config.precision)
-    variables = {"params": params, "batch_stats": batch_stats}
-
-    def one(sample):
-        outputs, changed = network.apply(
-            variables,
-            sample.views,
-            train=True,
-            mutable=["batch_stats"],
-            **network_inputs(config.network, sample),
-        )
-        return outputs, changed.get("batch_stats", {})
-
-    if config.network.views is not None:
-        return jax.vmap(one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
-
-    def choice(sample: PreparedSample):
-        before = StageOutput(sample.packed.disparity, None, None)
-        return before, network.apply(variables, unpack(sample.packed), method="choose")
-
-    # No statistics are shared. One example after the other is quicker on a CPU than vmap, and than
-    # a loop that XLA sees.
-    outputs = []
-    for index in range(batch.disparity.shape[0]):
-        sample = jax.tree.map(lambda field, index=index: field[index], batch)
-        outputs.append(choice(sample) if isinstance(sample, PreparedSample) else one(sample)[0])
-    return jax.tree.map(lambda *fields: jnp.stack(fields), *outputs), batch_stats
-
-
 def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:
-    """Decay of the running mean at a step: ``min(decay, (1 + step) / (10 + step))``.
+    """Return the decay of the moving average at a step: ``min(decay, (1 + step) / (10 + step))``.
 
-    Early on the mean forgets fast, or it would be made of the random first weights.
+    The average forgets fast at first; otherwise it would consist of the random initial weights.
 
     Example:
         >>> [round(float(ema_decay(0.99, jnp.int32(step))), 3) for step in (0, 8, 10_000)]
@@ -195,46 +160,19 @@ def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:
 
 
 def shardings(batch_size: int) -> tuple[NamedSharding, NamedSharding]:
-    """Where to put a batch and a state, so that all devices share a step.
+    """Return the placement of batches and states with which all devices share a step.
 
     Args:
         batch_size: Number of examples in a batch.
 
     Returns:
-        Sharding of a batch, over as many devices as divide it into equal parts, and that of a
-        state, whole on each of them.
+        Sharding of a batch over as many devices as divide it into equal parts, and sharding of a
+        state, which is replicated on each of them.
     """
     devices = jax.devices()
     mesh = Mesh(np.array(devices[: math.gcd(batch_size, len(devices))]), ("devices",))
     return NamedSharding(mesh, PartitionSpec("devices")), NamedSharding(mesh, PartitionSpec())
 
 
-def takes_offsets(network: NetworkConfig) -> bool:
-    """Whether a network is told where its views are, being made for any arrangement of them."""
-    return network.views is None
-
-
-def network_inputs(network: NetworkConfig, sample: Sample) -> dict[str, Any]:
-    """What a network is given beside the views.
-
-    Args:
-        network: Its configuration.
-        sample: One light field.
-
-    Returns:
-        Keyword arguments of the network and of :func:`occjax.inference.network.infer`.
-    """
-    inputs: dict[str, Any] = {}
-    if takes_offsets(network):
-        inputs["offsets"] = sample.offsets
-    if any(stage.occlusion == "ground_truth" for stage in network.stages):
-        inputs["ground_truth"] = jnp.where(sample.valid, sample.disparity, 0.0)
-    return inputs
-
-
-def _bad_percentage(
-    disparity: Float[Array, "b h w"], batch: Batch, border: int
-) -> Float[Array, ""]:
-    counted = jax.vmap(partial(inside_border, border=border))(batch.valid)
-    bad = counted & (jnp.abs(disparity - batch.disparity) > BAD)
-    return 100.0 * bad.mean(dtype=jnp.float32) / jnp.maximum(counted.mean(dtype=jnp.float32), 1e-9)
+def _task(config: TrainConfig) -> TrainingTask:
+    return task_of(config.network, config.loss, config.precision)

@@ -1,7 +1,8 @@
-"""Scores and pictures on light fields that training never sees."""
+"""Scores and pictures of light fields that training does not use."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -9,60 +10,70 @@ from typing import NamedTuple
 
 import imageio.v3 as imageio
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from occjax.data.samples import Sample
-from occjax.data.views import Selection, select_views
+from occjax.data.samples import LightFieldSample, numpy_sample, select_views, to_device
 from occjax.errors import InputError
-from occjax.evaluation import THRESHOLDS, Metrics, evaluate
-from occjax.inference.network import infer
+from occjax.evaluation import evaluate
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io import load
 from occjax.io.atomic import atomic_path
-from occjax.ops import view_offsets
+from occjax.lightfield import view_offsets
 from occjax.training.config import TrainConfig
-from occjax.training.step import network_inputs
+from occjax.training.tasks import task_of
+from occjax.view_selection import Selection
 from occjax.viz.colour import disparity_colours, error_colours, limits
 
-SCORE = f"badpix_{THRESHOLDS[0]:g}"
-"""The measure by which the best checkpoint is chosen: its mean over the scenes."""
+SCORE = f"badpix_{BAD_PIXEL_THRESHOLD:g}"
+"""Name of the score whose mean over the scenes selects the best checkpoint."""
 
 ERROR_LIMIT = 0.3
 """Error at which the colours of the error map end, pixels per view step."""
 
 
-class Scene(NamedTuple):
+class ValidationScene(NamedTuple):
     """A light field with ground truth.
 
     Attributes:
-        name: Of its picture and its lines in the log.
-        sample: Without a batch axis.
+        name: Name of its picture and of its scores in the log.
+        sample: The light field, without a batch axis.
     """
 
     name: str
-    sample: Sample
+    sample: LightFieldSample
 
 
 def validate(
     variables: dict,
-    scenes: Sequence[Scene],
+    scenes: Sequence[ValidationScene],
     config: TrainConfig,
     *,
     border: int,
     pictures: Path | None = None,
 ) -> dict[str, float]:
-    """Scores of a network on each scene, and their means.
+    """Compute the scores of a model on each scene, and their means.
 
     Args:
-        variables: Of the network.
-        scenes: One or more.
-        config: The training.
+        variables: Variables of the model.
+        scenes: At least one scene.
+        config: Settings of the training.
         border: Pixels left out at each side.
-        pictures: Folder for one picture of each scene: truth, estimate and error side by side.
+        pictures: Folder for one picture per scene: truth, estimate and error next to each other.
 
     Returns:
         ``mse_x100``, ``badpix_0.07``, ``badpix_0.03`` and ``badpix_0.01``, the means over the
-        scenes, and the same of each scene as ``<scene>/<measure>``.
+        scenes, and the same for each scene as ``<scene>/<measure>``.
+
+    Example:
+        >>> from occjax.models import preset, variable_shapes
+        >>> config = TrainConfig(preset("tiny"))
+        >>> views = np.zeros((3, 3, 16, 16), np.float32)
+        >>> sample = numpy_sample(views, view_offsets(3, 3), views[1, 1])
+        >>> zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape), variable_shapes(config.network))
+        >>> scores = validate(zeros, [ValidationScene("flat", sample)], config, border=2)
+        >>> scores["badpix_0.07"] == scores["flat/badpix_0.07"]
+        True
     """
     return score_scenes(
         lambda sample: np.asarray(predict(variables, sample, config)),
@@ -73,62 +84,77 @@ def validate(
 
 
 def score_scenes(
-    estimate: Callable[[Sample], np.ndarray],
-    scenes: Sequence[Scene],
+    estimate: Callable[[LightFieldSample], np.ndarray],
+    scenes: Sequence[ValidationScene],
     *,
     border: int,
     pictures: Path | None = None,
 ) -> dict[str, float]:
-    """Scores of any estimate on each scene, and their means.
+    """Compute the scores of any estimator on each scene, and their means.
 
     Args:
-        estimate: Gives the disparity ``[h, w]`` of a sample.
-        scenes: One or more.
+        estimate: Function that returns the disparity ``[h, w]`` of a sample.
+        scenes: At least one scene.
         border: Pixels left out at each side.
-        pictures: Folder for one picture of each scene: truth, estimate and error side by side.
+        pictures: Folder for one picture per scene, see :func:`validate`.
 
     Returns:
-        As of :func:`validate`.
+        Scores with the names of :func:`validate`.
     """
     scores: dict[str, float] = {}
-    for scene in scenes:
-        disparity = estimate(scene.sample)
-        truth, valid = np.asarray(scene.sample.disparity), np.asarray(scene.sample.valid)
+    for name, sample in scenes:
+        disparity = estimate(sample)
+        truth, valid = np.asarray(sample.disparity), np.asarray(sample.valid)
         metrics = evaluate(disparity, truth, border=border, mask=valid)
-        for name, value in _by_name(metrics).items():
-            scores[f"{scene.name}/{name}"] = value
-            scores[name] = scores.get(name, 0.0) + value / len(scenes)
+        badpix = {f"badpix_{threshold:g}": value for threshold, value in metrics.badpix.items()}
+        for measure, value in {"mse_x100": metrics.mse_x100, **badpix}.items():
+            scores[f"{name}/{measure}"] = value
+            scores[measure] = scores.get(measure, 0.0) + value / len(scenes)
         if pictures is not None:
-            with atomic_path(pictures / f"{scene.name}.png") as path:
+            with atomic_path(pictures / f"{name}.png") as path:
                 imageio.imwrite(path, picture(disparity, np.where(valid, truth, np.nan)))
     return scores
 
 
 @partial(jax.jit, static_argnames="config")
-def predict(variables: dict, sample: Sample, config: TrainConfig) -> jax.Array:
-    """Disparity ``[h, w]`` of one light field of any size, as inference computes it."""
-    network, dtype = config.network, jnp.dtype(config.precision)
-    inputs = network_inputs(network, sample)
-    return infer(variables, sample.views, network, dtype=dtype, **inputs)[-1].disparity
+def predict(variables: dict, sample: LightFieldSample, config: TrainConfig) -> Float[Array, "h w"]:
+    """Estimate the disparity of one light field of any size, as ``occjax estimate`` does.
+
+    Args:
+        variables: Variables of the model.
+        sample: One light field (no batch axis).
+        config: Settings of the training.
+
+    Returns:
+        ``[h, w]`` disparity, pixels per view step.
+    """
+    return task_of(config.network, config.loss, config.precision).predict(variables, sample)
 
 
 def scenes_from_folders(
     folders: Sequence[str | Path], config: TrainConfig, *, views: Selection = "all"
-) -> list[Scene]:
-    """Light fields with ground truth, as the network takes them.
+) -> list[ValidationScene]:
+    """Read light fields with ground truth, with the views that the model takes.
 
     Args:
-        folders: Anything :func:`occjax.load` reads.
-        config: The training.
-        views: Which views are used, if the network takes any arrangement of them.
+        folders: Anything that :func:`occjax.load` reads.
+        config: Settings of the training.
+        views: Views to use, if the model takes any arrangement of views.
 
     Returns:
         The scenes, named after their folders.
 
     Raises:
-        InputError: If one cannot be read, has no ground truth, or fewer views than the network
-            takes.
+        InputError: If a light field cannot be read, has no ground truth, or has fewer views than
+            the model takes.
+
+    Example:
+        ::
+
+            config = recipe("proposal").train
+            scenes = scenes_from_folders(["scenes/cotton"], config, views="outer_star")
     """
+    selection = task_of(config.network).view_selection(views)
     scenes = []
     for folder in folders:
         light_field = load(folder, check_orientation=False)
@@ -137,48 +163,52 @@ def scenes_from_folders(
             raise InputError(
                 f"{folder}: has no ground truth to validate with; choose another scene"
             )
-        if config.network.views is not None:
-            light_field = light_field.central(*config.network.views)
-        offsets, grey = light_field.positions, light_field.grey()
-        sample = Sample(
-            views=jnp.asarray(grey),
-            offsets=view_offsets(*light_field.grid) if offsets is None else jnp.asarray(offsets),
-            disparity=jnp.asarray(truth, jnp.float32),
-            visibility=jnp.ones(grey.shape, bool),
-            valid=jnp.asarray(np.isfinite(truth)),
+        offsets = light_field.positions
+        sample = numpy_sample(
+            light_field.grey(),
+            view_offsets(*light_field.grid) if offsets is None else offsets,
+            truth.astype(np.float32),
+            valid=np.isfinite(truth),
         )
-        if config.network.views is None:
-            sample = select_views(sample, views)
-        scenes.append(Scene(light_field.name, sample))
+        try:
+            sample = select_views(sample, selection)
+        except InputError as error:
+            raise InputError(f"{folder}: {error}") from error
+        scenes.append(ValidationScene(light_field.name, to_device(sample)))
     return _with_unique_names(scenes)
 
 
-def scenes_from_batch(batch: Sample, name: str = "sample") -> list[Scene]:
-    """The examples of a batch as scenes.
+def scenes_from_batch(batch: LightFieldSample, name: str = "sample") -> list[ValidationScene]:
+    """Return the samples of a batch as scenes.
 
     Args:
-        batch: Examples, with a leading axis on every field.
-        name: Of the scenes, before their number.
+        batch: Samples with a leading axis on every field.
+        name: Name of the scenes; each gets a number after it.
 
     Returns:
-        One scene for each.
+        One scene for each sample.
+
+    Example:
+        >>> images = np.zeros((2, 3, 3, 4, 6), np.float32)
+        >>> batch = numpy_sample(images, np.zeros((2, 3, 3, 2), np.float32), images[:, 1, 1])
+        >>> [scene.name for scene in scenes_from_batch(batch)]
+        ['sample_0', 'sample_1']
     """
-    count = batch.views.shape[0]
     return [
-        Scene(f"{name}_{index}", jax.tree.map(lambda field, index=index: field[index], batch))
-        for index in range(count)
+        ValidationScene(f"{name}_{index}", jax.tree.map(lambda field, i=index: field[i], batch))
+        for index in range(len(batch.views))
     ]
 
 
-def check_scenes(scenes: Sequence[Scene], *, border: int) -> None:
-    """Find out before training whether there is anything to compare within the border.
+def check_scenes(scenes: Sequence[ValidationScene], *, border: int) -> None:
+    """Check before training that every scene has pixels to compare.
 
     Args:
         scenes: The scenes.
         border: Pixels left out at each side.
 
     Raises:
-        InputError: Naming the first scene in which there is not.
+        InputError: If a scene has no pixel with ground truth inside the border.
     """
     for scene in scenes:
         valid = np.asarray(scene.sample.valid)
@@ -191,36 +221,32 @@ def check_scenes(scenes: Sequence[Scene], *, border: int) -> None:
 
 
 def picture(disparity: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Truth, estimate and error side by side.
+    """Draw truth, estimate and error next to each other.
 
-    The first two in the colours of the truth's range; the error blue where the estimate is too far
-    and red where it is too near, in full colours where a pixel is bad.
+    Truth and estimate have the colours of the truth's range. The error is blue where the estimate
+    is too far and red where it is too near, with full colours at bad pixels.
 
     Args:
-        disparity: ``[h, w]`` estimate.
-        truth: ``[h, w]``, NaN where it is not known.
+        disparity: ``[h, w]`` estimate, pixels per view step.
+        truth: ``[h, w]`` ground truth, NaN where it is unknown.
 
     Returns:
-        ``[h, 3 w, 3]`` uint8.
+        ``[h, 3 w, 3]`` uint8 image.
     """
     norm = limits(truth)
     maps = [disparity_colours()(np.ma.masked_invalid(norm(image))) for image in (truth, disparity)]
     error = np.clip(disparity - truth, -ERROR_LIMIT, ERROR_LIMIT)
-    colours = error_colours(THRESHOLDS[0], ERROR_LIMIT)
+    colours = error_colours(BAD_PIXEL_THRESHOLD, ERROR_LIMIT)
     maps.append(colours(np.ma.masked_invalid(error / (2.0 * ERROR_LIMIT) + 0.5)))
     return np.round(255.0 * np.concatenate(maps, axis=1)[..., :3]).astype(np.uint8)
 
 
-def _by_name(metrics: Metrics) -> dict[str, float]:
-    percentages = {f"badpix_{threshold:g}": value for threshold, value in metrics.badpix.items()}
-    return {"mse_x100": metrics.mse_x100, **percentages}
-
-
-def _with_unique_names(scenes: list[Scene]) -> list[Scene]:
-    """Two folders of the same name would write the same picture."""
-    names: dict[str, int] = {}
+def _with_unique_names(scenes: list[ValidationScene]) -> list[ValidationScene]:
+    """Number scenes of equal names; otherwise they would write the same picture."""
+    count: Counter[str] = Counter()
     unique = []
-    for scene in scenes:
-        names[scene.name] = number = names.get(scene.name, 0) + 1
-        unique.append(scene if number == 1 else scene._replace(name=f"{scene.name}_{number}"))
+    for name, sample in scenes:
+        count[name] += 1
+        numbered = name if count[name] == 1 else f"{name}_{count[name]}"
+        unique.append(ValidationScene(numbered, sample))
     return unique

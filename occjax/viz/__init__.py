@@ -1,4 +1,4 @@
-"""Pictures of disparity, confidence, error and occlusion."""
+"""Figures of disparity, depth, confidence, error and occlusion."""
 
 from occjax.viz.canvas import save
 from occjax.viz.figures import (
@@ -9,7 +9,6 @@ from occjax.viz.figures import (
     error_figure,
     occlusion_figure,
 )
-from occjax.viz.methods import pairwise_figure, radar_figure
 
 __all__ = [
     "comparison_figure",
@@ -18,7 +17,5 @@ __all__ = [
     "disparity_figure",
     "error_figure",
     "occlusion_figure",
-    "pairwise_figure",
-    "radar_figure",
     "save",
 ]

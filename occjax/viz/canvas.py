@@ -1,8 +1,8 @@
-"""Pictures laid out to the pixel.
+"""Figures whose layout is given in pixels.
 
-Maps are shown without resampling: one value is a square of whole pixels. So the layout is counted
-in pixels, not left to matplotlib, and matplotlib's global state (pyplot, the current figure) is
-never touched: figures can be drawn in any thread and in any program.
+Maps are shown without resampling: each value becomes a square of whole pixels, so positions are
+computed in pixels instead of by matplotlib. Matplotlib's global state (pyplot, the current figure)
+is not used, so figures can be drawn in any thread.
 """
 
 from __future__ import annotations
@@ -19,20 +19,24 @@ from matplotlib.figure import Figure
 from occjax.io.atomic import atomic_path
 
 DOTS_PER_INCH = 100
+
 MARGIN = 14
 TITLE_HEIGHT = 30
 BAR_WIDTH = 16
 BAR_TEXT = 74
-BAR_LENGTH = 310
-"""A bar is never shorter than this: its label has to fit beside it."""
-LINE = 500
-"""A picture is never narrower than this: its title has to fit."""
+"""Lengths in pixels: outer margin, title line, width of a colour bar and of its labels."""
+
+MIN_BAR_LENGTH = 310
+"""Shortest length of a colour bar, in pixels, that leaves room for its label."""
+
+MIN_TITLE_WIDTH = 500
+"""Smallest width of a figure, in pixels, that leaves room for its title."""
 
 TEXT = "#222222"
 
 
 class Canvas:
-    """A white picture whose parts are placed by pixel, from the top left corner.
+    """A white figure whose parts are placed in pixels from the top left corner.
 
     Attributes:
         figure: The matplotlib figure.
@@ -50,7 +54,7 @@ class Canvas:
     def axes(
         self, left: int, top: int, width: int, height: int, *, projection: str | None = None
     ) -> Axes:
-        """Empty axes in a rectangle, ``polar`` ones if asked for."""
+        """Add empty axes in a rectangle; ``projection`` may be ``"polar"``."""
         total_width, total_height = self.size
         return self.figure.add_axes(
             (
@@ -72,7 +76,7 @@ class Canvas:
         colours: Colormap | None = None,
         norm: Normalize | None = None,
     ) -> Axes:
-        """An image ``[H, W]`` or ``[H, W, 3]``, each of its pixels ``zoom`` pixels wide."""
+        """Add an image ``[H, W]`` or ``[H, W, 3]`` with each value ``zoom`` pixels wide."""
         height, width = pixels.shape[:2]
         axes = self.axes(left, top, width * zoom, height * zoom)
         axes.imshow(pixels, cmap=colours, norm=norm, interpolation="nearest", aspect="auto")
@@ -80,7 +84,7 @@ class Canvas:
         return axes
 
     def title(self, text: str, left: int) -> None:
-        """A line at the top, starting at ``left``."""
+        """Add a line of text at the top, starting at ``left``."""
         x, y = left / self.size[0], 1.0 - (MARGIN + 0.4 * TITLE_HEIGHT) / self.size[1]
         self.figure.text(x, y, text, fontsize=10.5, ha="left", va="center", color=TEXT)
 
@@ -94,9 +98,10 @@ class Canvas:
         ticks: list[float] | None = None,
         cut: str = "neither",
     ) -> None:
-        """A colour bar in the rectangle (left, top, width, height), along its longer side.
+        """Add a colour bar along the longer side of a rectangle (left, top, width, height).
 
-        Its ends are pointed where ``cut`` (neither, min, max or both) says that values lie beyond.
+        ``cut`` (neither, min, max or both) names the ends that are pointed because values lie
+        beyond them.
         """
         axes = self.axes(*rectangle)
         upright = rectangle[3] > rectangle[2]
@@ -122,32 +127,34 @@ def map_canvas(
     ticks: list[float] | None = None,
     cut: str = "neither",
 ) -> tuple[Canvas, Axes]:
-    """One map with a title above and a colour bar on its right, or below if the map is wide.
+    """Draw a map with a title above and a colour bar to its right, or below if the map is wide.
 
     Args:
         values: ``[H, W]`` map, or ``[H, W, 3]`` colours already chosen.
         norm: Range of the bar.
         colours: Colours of the bar.
         title: Line above the map.
-        label: What the bar measures.
+        label: Quantity and unit of the bar.
         ticks: Values to mark on the bar.
         cut: Ends of the range with values beyond them: neither, min, max or both.
 
     Returns:
-        The picture, and the axes that hold the map.
+        The figure, and the axes that contain the map.
     """
     height, width = values.shape[:2]
     zoom = whole_zoom((height, width))
     height, width = height * zoom, width * zoom
     left, top = MARGIN, MARGIN + TITLE_HEIGHT
     if width >= 2 * height:
-        length = max(width, BAR_LENGTH)
-        canvas = Canvas(max(length, LINE) + 2 * MARGIN, top + height + 72 + MARGIN)
+        length = max(width, MIN_BAR_LENGTH)
+        canvas = Canvas(max(length, MIN_TITLE_WIDTH) + 2 * MARGIN, top + height + 72 + MARGIN)
         # The label of the lowest value is centred below the left end.
         bar = (left + 8, top + height + 12, length - 16, BAR_WIDTH)
     else:
-        length = max(height, BAR_LENGTH)
-        canvas = Canvas(max(left + width + 12 + BAR_WIDTH + BAR_TEXT, LINE), top + length + MARGIN)
+        length = max(height, MIN_BAR_LENGTH)
+        canvas = Canvas(
+            max(left + width + 12 + BAR_WIDTH + BAR_TEXT, MIN_TITLE_WIDTH), top + length + MARGIN
+        )
         bar = (left + width + 12, top, BAR_WIDTH, length)
     canvas.title(title, left)
     axes = canvas.image(values, left, top, zoom, colours=colours, norm=norm)
@@ -159,21 +166,34 @@ def save(figure: Figure, path: str | Path) -> None:
     """Write a figure as PNG, atomically; equal figures give equal bytes.
 
     Args:
-        figure: What to write.
-        path: Where; a file that is there is replaced.
+        figure: Figure of this package.
+        path: File to write; an existing file is replaced.
+
+    Raises:
+        InputError: If the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> from occjax.viz import disparity_figure
+        >>> path = Path(tempfile.mkdtemp()) / "disparity.png"
+        >>> save(disparity_figure(np.eye(8)), path)
+        >>> path.exists()
+        True
     """
     with atomic_path(path) as temporary:
-        # Without the version of matplotlib that is written otherwise.
+        # By default the file would contain the version of matplotlib.
         FigureCanvasAgg(figure).print_png(temporary, metadata={"Software": None})
 
 
-def whole_zoom(size: tuple[int, int], wanted: int = 540) -> int:
-    """How many pixels wide each pixel of an image of ``(H, W)`` is shown.
+def whole_zoom(size: tuple[int, int], longest: int = 540) -> int:
+    """Return the largest whole zoom at which an image fits into a length, at least 1.
 
-    The largest whole number for which the longer side stays within ``wanted`` pixels, at least 1.
+    Args:
+        size: ``(H, W)`` of the image.
+        longest: Length of the longer side on the screen, in pixels.
 
     Example:
         >>> whole_zoom((128, 160)), whole_zoom((2000, 10))
         (3, 1)
     """
-    return max(1, wanted // max(size))
+    return max(1, longest // max(size))

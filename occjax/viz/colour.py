@@ -1,4 +1,4 @@
-"""Colours for maps: what stands for a value, and what for no value.
+"""Colours of maps, and the range of values that they cover.
 
 All maps use perceptually uniform colours, so that equal steps of a value look equally large.
 """
@@ -13,27 +13,28 @@ NO_VALUE = "#8a8a8a"
 """Colour of pixels without a finite value."""
 
 MISSING = "#000000"
-"""Colour, in an error map, of pixels that have ground truth but no estimate."""
+"""Colour of pixels with ground truth but without an estimate, in an error map."""
 
 
 def disparity_colours() -> Colormap:
-    """Dark blue is far, yellow is near."""
+    """Return the colours of disparity: dark blue is far, yellow is near."""
     return colormaps["viridis"].with_extremes(bad=NO_VALUE)
 
 
 def confidence_colours() -> Colormap:
-    """Dark is uncertain, light is certain."""
+    """Return the colours of confidence: dark is uncertain, light is certain."""
     return colormaps["magma"].with_extremes(bad=NO_VALUE)
 
 
 def error_colours(threshold: float, limit: float) -> Colormap:
-    """Blue is too far, red is too near; tints within the threshold, full colours beyond.
+    """Return the colours of errors: blue is too far, red is too near.
 
-    The step at the threshold makes a bad pixel stand out from one that is just good enough.
+    Errors within the threshold are tints, errors beyond it are full colours. The step between them
+    makes bad pixels stand out.
 
     Args:
-        threshold: Error above which a pixel is bad.
-        limit: Error at which the colours end; the map is for values from ``-limit`` to ``limit``.
+        threshold: Error above which a pixel is bad, in pixels per view step.
+        limit: Error at which the colours end; they cover ``-limit`` to ``limit``.
     """
     diverging = colormaps["RdBu_r"]
     error = np.linspace(-limit, limit, 1001)
@@ -45,18 +46,13 @@ def error_colours(threshold: float, limit: float) -> Colormap:
     return LinearSegmentedColormap.from_list("error", colours, N=1001).with_extremes(bad=NO_VALUE)
 
 
-def better_colours() -> Colormap:
-    """Purple where the first of two is better, orange where the second is, white in between.
-
-    Not the colours of errors, so that "better" is not taken for "nearer".
-    """
-    return colormaps["PuOr_r"].with_extremes(bad=NO_VALUE)
-
-
 def limits(*maps: np.ndarray) -> Normalize:
-    """The common range of the finite values of all maps.
+    """Return the common range of the finite values of several maps.
 
-    A range without extent is widened, so that a constant map has the middle colour.
+    An empty range is widened, so that a constant map has the middle colour.
+
+    Args:
+        maps: Arrays of any shape.
 
     Example:
         >>> shared = limits(np.array([[0.0, np.nan]]), np.array([[2.0]]))
@@ -73,16 +69,16 @@ def disparity_limits(
     confidence: np.ndarray | None = None,
     ground_truth: np.ndarray | None = None,
 ) -> Normalize:
-    """The range of a scene's disparities, which unreliable pixels of an estimate do not stretch.
+    """Return the range of a scene's disparities, excluding outliers of uncertain pixels.
 
-    It reaches from the 0.1st to the 99.9th percentile of the confident half of the pixels, and over
-    all of the ground truth. An end is moved out to the estimate's own if that is less than a tenth
-    of the range away: cutting so little off would gain nothing.
+    The range covers the ground truth, and the 0.1st to the 99.9th percentile of the more confident
+    half of the pixels. An end is extended to the extreme value of the estimate if that is less
+    than a tenth of the range away.
 
     Args:
         disparity: ``[H, W]`` estimate, pixels per view step.
-        confidence: ``[H, W]`` in [0, 1]. Without it the range is that of the ground truth, or if
-            there is none, of all finite values.
+        confidence: ``[H, W]`` in [0, 1]. Without it the range is that of the ground truth, or
+            without ground truth that of all finite values.
         ground_truth: ``[H, W]`` pixels per view step.
 
     Example:
@@ -108,7 +104,11 @@ def disparity_limits(
 
 
 def cut_ends(norm: Normalize, *maps: np.ndarray) -> str:
-    """Which ends of a range have values of the maps beyond them: neither, min, max or both.
+    """Name the ends of a range that values exceed: neither, min, max or both.
+
+    Args:
+        norm: The range.
+        maps: Arrays of any shape.
 
     Example:
         >>> cut_ends(Normalize(0.0, 1.0), np.array([0.5, 2.0]), np.array([np.nan]))
@@ -122,12 +122,12 @@ def cut_ends(norm: Normalize, *maps: np.ndarray) -> str:
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
-    """``[N]`` finite values in float64."""
+    """Return the ``[N]`` finite values in float64."""
     return np.asarray(values, np.float64)[np.isfinite(values)]
 
 
 def _range(lowest: float, highest: float) -> Normalize:
-    """A range without extent is widened."""
+    """Return a range, which is widened if it is empty."""
     if highest - lowest < 1e-6 * max(1.0, abs(highest)):
         lowest, highest = lowest - 0.5, highest + 0.5
     return Normalize(float(lowest), float(highest))

@@ -1,7 +1,7 @@
-"""The pictures that go with an estimate.
+"""Figures of an estimate: disparity, depth, confidence, error, occlusion and a comparison.
 
-Every function returns a matplotlib figure; :func:`occjax.viz.canvas.save` writes it. Maps are shown
-without resampling. Maps of any shape, with missing values or constant, are fine.
+Every function returns a matplotlib figure, which :func:`occjax.viz.save` writes. Maps are shown
+without resampling; they may have any size, missing values or a single value.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from matplotlib.colors import Colormap, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from occjax.lightfield import to_unit_float
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
+from occjax.lightfield import centre_index, to_unit_float
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zoom
 from occjax.viz.colour import (
     MISSING,
@@ -29,11 +30,14 @@ DISPARITY_LABEL = "disparity [pixels per view step]"
 DEPTH_LABEL = "depth [metres]"
 ERROR_LABEL = "estimate - ground truth [pixels per view step]"
 
-BAD = 0.07
-"""Error above which a pixel counts as bad: the first threshold of the HCI benchmark."""
-
 CENTRE_VIEW = "#f2b632"
 """Colour of the frame around the centre view."""
+
+MAX_MOSAIC_PX = 1300
+"""Longest side of the mosaic of occlusion maps, in pixels."""
+
+MAX_PANEL_PX = 600
+"""Longest side of one image of a comparison, in pixels."""
 
 
 def disparity_figure(
@@ -41,73 +45,88 @@ def disparity_figure(
     *,
     confidence: np.ndarray | None = None,
     ground_truth: np.ndarray | None = None,
-    title: str = "Disparity",
 ) -> Figure:
-    """A disparity map with its colour bar, over the range that the scene has.
+    """Draw a disparity map with its colour bar.
 
     Args:
         disparity: ``[H, W]`` pixels per view step.
-        confidence: ``[H, W]`` in [0, 1], to keep wild values out of the range
-            (:func:`occjax.viz.colour.disparity_limits`); the bar's ends are pointed where they
-            lie beyond it.
-        ground_truth: ``[H, W]`` pixels per view step, whose range the colours cover.
-        title: Line above the map.
+        confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours
+            (:func:`occjax.viz.colour.disparity_limits`). Ends of the bar that values exceed are
+            pointed.
+        ground_truth: ``[H, W]`` pixels per view step, which the range of the colours covers.
+
+    Returns:
+        The figure.
+
+    Example:
+        >>> disparity_figure(np.linspace(-1.0, 1.0, 64).reshape(8, 8)).axes[1].get_ylabel()
+        'disparity [pixels per view step]'
     """
-    norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
-    title += _missing_note(disparity)
-    cut = cut_ends(norm, disparity)
-    canvas, _ = map_canvas(disparity, norm, colours, title=title, label=DISPARITY_LABEL, cut=cut)
-    return canvas.figure
+    norm = disparity_limits(disparity, confidence, ground_truth)
+    return _map_figure("Disparity", disparity, norm, disparity_colours(), DISPARITY_LABEL)
 
 
-def depth_figure(depth: np.ndarray, *, title: str = "Depth") -> Figure:
-    """A depth map with its colour bar; near is yellow and far dark blue, as for disparity.
+def depth_figure(depth: np.ndarray) -> Figure:
+    """Draw a depth map with its colour bar; near is yellow and far dark blue, as for disparity.
+
+    The least and the greatest thousandth of the values do not widen the range of the colours
+    (:func:`occjax.viz.colour.disparity_limits`).
 
     Args:
-        depth: ``[H, W]`` metres; where it is infinite the map is grey. A thousandth of the values
-            at each end does not stretch the range (:func:`occjax.viz.colour.disparity_limits`).
-        title: Line above the map.
+        depth: ``[H, W]`` metres; infinite depth is grey.
+
+    Returns:
+        The figure.
+
+    Example:
+        >>> depth_figure(np.array([[1.0, 2.0], [4.0, np.inf]])).axes[1].get_ylabel()
+        'depth [metres]'
     """
     norm = disparity_limits(depth, np.ones(depth.shape))
-    title += _missing_note(depth)
-    cut = cut_ends(norm, depth)
     colours = disparity_colours().reversed().with_extremes(bad=NO_VALUE)
-    return map_canvas(depth, norm, colours, title=title, label=DEPTH_LABEL, cut=cut)[0].figure
+    return _map_figure("Depth", depth, norm, colours, DEPTH_LABEL)
 
 
-def confidence_figure(confidence: np.ndarray, *, title: str = "Confidence") -> Figure:
-    """A confidence map; the bar always runs from 0 to 1, so that scenes can be compared.
+def confidence_figure(confidence: np.ndarray) -> Figure:
+    """Draw a confidence map; the bar always covers 0 to 1, so that scenes can be compared.
 
     Args:
         confidence: ``[H, W]`` in [0, 1].
-        title: Line above the map.
+
+    Returns:
+        The figure.
+
+    Example:
+        >>> confidence_figure(np.full((8, 8), 0.9)).axes[1].get_ylabel()
+        'confidence (1: certain)'
     """
-    norm, colours = Normalize(0.0, 1.0), confidence_colours()
-    label = "confidence (1: certain)"
-    title += _missing_note(confidence)
-    return map_canvas(confidence, norm, colours, title=title, label=label)[0].figure
+    norm, label = Normalize(0.0, 1.0), "confidence (1: certain)"
+    return _map_figure("Confidence", confidence, norm, confidence_colours(), label)
 
 
 def error_figure(
-    disparity: np.ndarray,
-    ground_truth: np.ndarray,
-    *,
-    title: str = "Error",
-    bad: float = BAD,
-    border: int = 0,
+    disparity: np.ndarray, ground_truth: np.ndarray, *, title: str = "Error", border: int = 0
 ) -> Figure:
-    """Signed error: blue is too far, red too near, full colours where a pixel is bad.
+    """Draw the signed error: blue is too far, red is too near, bad pixels have full colours.
 
+    A pixel is bad if its error exceeds :data:`occjax.evaluation.metrics.BAD_PIXEL_THRESHOLD`.
     Pixels without an estimate are black, pixels without ground truth grey.
 
     Args:
         disparity: ``[H, W]`` estimate, pixels per view step.
         ground_truth: ``[H, W]`` pixels per view step.
         title: Line above the map, such as the score.
-        bad: Error above which a pixel is bad.
-        border: Width of the border that the score leaves out; a thin line marks it.
+        border: Width of the border that the score leaves out, in pixels; a thin line marks it.
+
+    Returns:
+        The figure.
+
+    Example:
+        >>> figure = error_figure(np.full((8, 8), 0.1), np.zeros((8, 8)))
+        >>> figure.axes[1].get_yticks().round(2).tolist()
+        [-0.21, -0.07, 0.0, 0.07, 0.21]
     """
-    norm, colours, ticks = error_scale(bad)
+    norm, colours, ticks = error_scale()
     picture = error_picture(disparity, ground_truth, norm, colours)
     canvas, axes = map_canvas(picture, norm, colours, title=title, label=ERROR_LABEL, ticks=ticks)
     mark_border(axes, disparity.shape, border)
@@ -117,16 +136,23 @@ def error_figure(
 def occlusion_figure(
     occlusion: np.ndarray, *, title: str = "Occlusion of each view (white: occluded)"
 ) -> Figure:
-    """Occlusion maps of all views in the order of the grid, the centre view framed.
+    """Draw the occlusion maps of all views in the order of the grid, with a frame at the centre.
 
     Args:
-        occlusion: ``[V, U, H, W]`` in [0, 1].
+        occlusion: ``[V, U, H, W]`` in [0, 1]; 1 is occluded.
         title: Line above the mosaic.
+
+    Returns:
+        The figure.
+
+    Example:
+        >>> len(occlusion_figure(np.zeros((3, 3, 8, 8))).axes)
+        1
     """
     rows, columns, height, width = occlusion.shape
-    gap, longest = 3, 1300
-    small = _shrink(occlusion, -(-max(rows * height, columns * width) // longest))
-    zoom = whole_zoom((rows * small.shape[2], columns * small.shape[3]), longest // 2)
+    gap = 3
+    small = _shrink(occlusion, -(-max(rows * height, columns * width) // MAX_MOSAIC_PX))
+    zoom = whole_zoom((rows * small.shape[2], columns * small.shape[3]), MAX_MOSAIC_PX // 2)
     colours = colormaps["gray"].with_extremes(bad=NO_VALUE)
     tiles = colours(np.ma.masked_invalid(small.repeat(zoom, -2).repeat(zoom, -1)))[..., :3]
     height, width = tiles.shape[2:4]
@@ -139,7 +165,8 @@ def occlusion_figure(
     )
     canvas.title(title, MARGIN)
     axes = canvas.image(mosaic, MARGIN, MARGIN + TITLE_HEIGHT, 1)
-    corner = (columns // 2 * (width + gap) - 1.5, rows // 2 * (height + gap) - 1.5)
+    v, u = centre_index((rows, columns))
+    corner = (u * (width + gap) - 1.5, v * (height + gap) - 1.5)
     frame = Rectangle(corner, width + 2, height + 2, fill=False, ec=CENTRE_VIEW, lw=2.0)
     axes.add_patch(frame)
     frame.set_clip_on(False)
@@ -153,37 +180,44 @@ def comparison_figure(
     *,
     confidence: np.ndarray | None = None,
     score: str = "",
-    bad: float = BAD,
     border: int = 0,
 ) -> Figure:
-    """Centre view, ground truth, estimate and error side by side.
+    """Draw the centre view, ground truth, estimate and error next to each other.
 
-    Without ground truth: centre view and estimate. Ground truth and estimate share their colours,
-    which are those of :func:`disparity_figure`. Images beyond 600 pixels are shown smaller.
+    Without ground truth only the centre view and the estimate are drawn. Ground truth and estimate
+    share their colours, which are those of :func:`disparity_figure`. Images larger than 600 pixels
+    are reduced.
 
     Args:
         centre: ``[H, W, C]`` centre view as stored.
         disparity: ``[H, W]`` estimate, pixels per view step.
         ground_truth: ``[H, W]`` pixels per view step.
-        confidence: ``[H, W]`` in [0, 1], to keep wild values out of the range of the colours.
-        score: Words behind the title of the error.
-        bad: Error above which a pixel is bad.
-        border: Width of the border that the score leaves out.
+        confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours.
+        score: Text after the title of the error.
+        border: Width of the border that the score leaves out, in pixels.
+
+    Returns:
+        The figure.
+
+    Example:
+        >>> centre, disparity = np.zeros((8, 8, 3), np.uint8), np.eye(8)
+        >>> [text.get_text() for text in comparison_figure(centre, disparity).texts]
+        ['Centre view', 'Estimate']
     """
     norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
     cut = cut_ends(norm, disparity)
-    step = -(-max(disparity.shape) // 600)
+    step = -(-max(disparity.shape) // MAX_PANEL_PX)
     centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)
-    # Disparities are picked, not averaged: the mean of two sides of an edge is on neither.
+    # Disparities are subsampled, since an average across an edge lies on neither side of it.
     disparity = disparity[::step, ::step]
     ground_truth = None if ground_truth is None else ground_truth[::step, ::step]
     height, width = disparity.shape
     zoom = whole_zoom((height, width), 320)
-    panel, gap, bar_room = max(width * zoom, 240), 12, 58
+    panel, gap, bar_height = max(width * zoom, 240), 12, 58
     count = 2 if ground_truth is None else 4
     top = MARGIN + TITLE_HEIGHT
     canvas = Canvas(
-        count * (panel + gap) - gap + 2 * MARGIN, top + height * zoom + bar_room + MARGIN
+        count * (panel + gap) - gap + 2 * MARGIN, top + height * zoom + bar_height + MARGIN
     )
     lefts = [MARGIN + number * (panel + gap) for number in range(count)]
 
@@ -198,12 +232,12 @@ def comparison_figure(
         canvas.title(name, left)
         canvas.image(values, left, top, zoom, colours=colours, norm=norm)
     bar_top = top + height * zoom + 10
-    # The labels of the lowest and the highest value are centred below the ends.
+    # The labels of the lowest and the highest value are centred below the ends of the bar.
     bar = (lefts[1] + 8, bar_top, len(maps) * (panel + gap) - gap - 16, 12)
     canvas.bar(norm, colours, DISPARITY_LABEL, bar, cut=cut)
 
     if ground_truth is not None:
-        norm, colours, ticks = error_scale(bad)
+        norm, colours, ticks = error_scale()
         canvas.title(f"Error   {score}".rstrip(), lefts[3])
         errors = error_picture(disparity, ground_truth, norm, colours)
         axes = canvas.image(errors, lefts[3], top, zoom)
@@ -213,13 +247,14 @@ def comparison_figure(
     return canvas.figure
 
 
-def _missing_note(values: np.ndarray) -> str:
-    """Words behind a title that explain the grey of the map, if there is any."""
-    return "" if np.isfinite(values).all() else "   (grey: no value)"
+def error_scale(
+    bad: float = BAD_PIXEL_THRESHOLD,
+) -> tuple[Normalize, Colormap, list[float]]:
+    """Return range, colours and ticks of an error map, which covers three times ``bad``.
 
-
-def error_scale(bad: float) -> tuple[Normalize, Colormap, list[float]]:
-    """Range, colours and ticks of an error map: three times the error that is just not bad."""
+    Args:
+        bad: Error above which a pixel is bad, in pixels per view step.
+    """
     limit = 3.0 * bad
     ticks = [-limit, -bad, 0.0, bad, limit]
     return Normalize(-limit, limit), error_colours(bad, limit), ticks
@@ -228,30 +263,40 @@ def error_scale(bad: float) -> tuple[Normalize, Colormap, list[float]]:
 def error_picture(
     disparity: np.ndarray, ground_truth: np.ndarray, norm: Normalize, colours: Colormap
 ) -> np.ndarray:
-    """``[H, W, 3]`` colours of the errors; no estimate and no truth look different."""
+    """Return ``[H, W, 3]`` colours of the errors; see :func:`error_figure`."""
     known = np.isfinite(disparity) & np.isfinite(ground_truth)
-    error = np.where(
-        known, np.where(known, disparity, 0) - np.where(known, ground_truth, 0), np.nan
-    )
+    error = np.full(disparity.shape, np.nan)
+    error[known] = disparity[known] - ground_truth[known]
     picture = colours(norm(np.ma.masked_invalid(error)))[..., :3]
     picture[np.isfinite(ground_truth) & ~np.isfinite(disparity)] = to_rgb(MISSING)
     return picture
 
 
 def mark_border(axes: Axes, size: tuple[int, int], border: int) -> None:
-    """A thin line around the pixels that count."""
+    """Draw a thin line around the pixels that a score includes.
+
+    Args:
+        axes: Axes with the image.
+        size: ``(H, W)`` of the image.
+        border: Width of the border, in pixels.
+    """
     height, width = size
     if border > 0 and min(size) > 2 * border:
-        corner = (border - 0.5, border - 0.5)
-        axes.add_patch(
-            Rectangle(
-                corner, width - 2 * border, height - 2 * border, fill=False, ec="#555555", lw=0.7
-            )
-        )
+        corner, inner = (border - 0.5, border - 0.5), (width - 2 * border, height - 2 * border)
+        axes.add_patch(Rectangle(corner, *inner, fill=False, ec="#555555", lw=0.7))
+
+
+def _map_figure(
+    title: str, values: np.ndarray, norm: Normalize, colours: Colormap, label: str
+) -> Figure:
+    """Draw one map; the title explains grey pixels if there are any."""
+    title += "" if np.isfinite(values).all() else "   (grey: no value)"
+    cut = cut_ends(norm, values)
+    return map_canvas(values, norm, colours, title=title, label=label, cut=cut)[0].figure
 
 
 def _shrink(images: np.ndarray, step: int) -> np.ndarray:
-    """Images ``[..., H, W]`` with blocks of ``step`` x ``step`` pixels averaged."""
+    """Average blocks of ``step`` x ``step`` pixels of images ``[..., H, W]``."""
     if step <= 1:
         return images
     height, width = images.shape[-2:]

@@ -1,4 +1,4 @@
-"""``occjax convert`` as a user types it: what it writes, says and refuses."""
+"""``occjax convert``: files, printed text and refused arguments."""
 
 import functools
 
@@ -24,7 +24,7 @@ def depth_of(disparity):
 
 @pytest.fixture
 def run(occjax_command, monkeypatch, tmp_path):
-    """Run ``occjax convert ARGUMENTS`` in a folder; returns exit code, output and errors."""
+    """Run ``occjax convert ARGUMENTS`` in a folder with maps; returns code, output and errors."""
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     np.save("disparity.npy", DISPARITY)
@@ -43,7 +43,7 @@ def scene(tmp_path):
     return folder
 
 
-def test_a_map_goes_through_every_format(run):
+def test_a_map_is_converted_through_every_format(run):
     for source, target in (
         ("disparity.pfm", "a.npy"),
         ("a.npy", "b.png"),
@@ -59,7 +59,7 @@ def test_a_map_goes_through_every_format(run):
     assert f"kept to within {0.5 * step:.2g}" in out
 
 
-def test_depth_and_back_with_the_camera_of_a_scene_or_of_a_file(run, scene):
+def test_depth_and_back_with_the_camera_of_a_scene_and_of_a_file(run, scene):
     code, out, _ = run("disparity.pfm", "depth.npy", "--to", "depth", "--scene", scene)
     assert code == 0
     assert f"camera: {scene}/parameters.cfg" in out
@@ -70,13 +70,13 @@ def test_depth_and_back_with_the_camera_of_a_scene_or_of_a_file(run, scene):
     np.testing.assert_allclose(read_pfm("again.pfm"), DISPARITY, rtol=0, atol=1e-6)
 
 
-def test_the_camera_beside_the_map_is_found(run, scene):
+def test_the_camera_next_to_the_map_is_found(run, scene):
     write_pfm(scene / "gt_disp_lowres.pfm", DISPARITY)
     assert run(scene / "gt_disp_lowres.pfm", "depth.pfm", "--to", "depth")[0] == 0
     np.testing.assert_allclose(read_pfm("depth.pfm"), depth_of(DISPARITY), rtol=1e-6)
 
 
-def test_points_have_the_colours_of_the_centre_view_and_their_place(run, scene):
+def test_points_have_the_position_and_colour_of_their_pixels(run, scene):
     code, out, err = run("disparity.pfm", "cloud.ply", "--scene", scene)
     assert (code, err) == (0, "")
     assert "480 points in the colours of the centre view; metres" in out
@@ -88,7 +88,7 @@ def test_points_have_the_colours_of_the_centre_view_and_their_place(run, scene):
     np.testing.assert_allclose(column, np.tile(np.arange(WIDTH), HEIGHT), atol=1e-3)
 
 
-def test_without_a_camera_points_are_a_relief_and_it_says_so(run, tmp_path):
+def test_without_a_camera_points_are_a_relief(run, tmp_path):
     code, out, _ = run("disparity.npy", "relief.ply")
     assert code == 0
     assert "depth has no true scale" in out
@@ -102,7 +102,7 @@ def test_pixels_without_value_are_counted(run, scene):
     _, out, _ = run("gaps.npy", "depth.png", "--to", "depth", "--scene", scene)
     assert "2 pixels infinite, 3 pixels without value" in out.splitlines()[-1]
     _, out, _ = run("gaps.npy", "cloud.ply", "--scene", scene)
-    assert "5 pixels without a place in space are left out" in out
+    assert "5 pixels without a point in space are left out" in out
     assert run("depth.png", "depth.npy")[0] == 0
     depth = np.load("depth.npy")
     assert np.isnan(depth[0, :3]).all()
@@ -120,7 +120,7 @@ def test_normals_of_a_wall_face_the_viewer(run, scene):
     assert (colours == [128, 128, 255]).all()
 
 
-def test_a_picture_is_in_colour_and_is_not_taken_for_a_map(run, scene):
+def test_a_picture_is_in_colour_and_not_read_as_a_map(run, scene):
     assert run("disparity.npy", "look.png", "--picture")[0] == 0
     assert np.asarray(Image.open("look.png").convert("RGB")).std(axis=-1).max() > 50
     code, _, err = run("look.png", "back.npy")
@@ -130,7 +130,7 @@ def test_a_picture_is_in_colour_and_is_not_taken_for_a_map(run, scene):
     assert "picture of" in run(*depth)[1]
 
 
-def test_codes_of_another_program_need_their_scale(run):
+def test_pngs_of_other_programs_need_their_scale(run):
     codes = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH)
     Image.fromarray(codes).save("kitti.png")
     code, _, err = run("kitti.png", "map.npy")
@@ -140,7 +140,7 @@ def test_codes_of_another_program_need_their_scale(run):
     np.testing.assert_allclose(np.load("map.npy"), codes / 256.0 - 1.0)
 
 
-def test_what_is_there_is_replaced_only_when_asked(run):
+def test_an_existing_file_is_replaced_only_with_overwrite(run):
     np.save("mine.npy", [1, 2, 3])
     code, _, err = run("disparity.pfm", "mine.npy")
     assert code == 2
@@ -150,7 +150,7 @@ def test_what_is_there_is_replaced_only_when_asked(run):
     np.testing.assert_array_equal(np.load("mine.npy"), DISPARITY)
 
 
-def test_a_map_of_another_size_than_the_camera_says_is_warned_of(run, scene):
+def test_a_map_of_another_size_than_the_camera_is_warned_about(run, scene):
     resolution = "image_resolution_x_px = 24\nimage_resolution_y_px = 48"
     text = CONFIG.replace("image_resolution_x_px = 24", resolution)
     (scene / "parameters.cfg").write_text(text)
@@ -160,45 +160,44 @@ def test_a_map_of_another_size_than_the_camera_says_is_warned_of(run, scene):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "reason"),
     [
         (("absent.pfm", "map.npy"), "absent.pfm: there is no such file"),
-        (("disparity.pfm", "map.tif"), "let it be .npy, .pfm, .ply, .png"),
-        (("disparity.pfm", "map"), "let it be .npy, .pfm, .ply, .png"),
+        (("disparity.pfm", "map.tif"), "end in .npy, .pfm, .ply, .png"),
         (("disparity.pfm", "map.ply", "--to", "depth"), "depth cannot be written as .ply"),
         (("disparity.pfm", "map.npy", "--to", "points"), "end the name in .ply"),
         (("disparity.pfm", "map.npy", "--picture"), "a picture is a .png"),
         (("disparity.pfm", "n.png", "--to", "normals", "--picture"), "leave out --picture"),
         (("disparity.pfm", "map.npy", "--to", "depth"), "pass --parameters FILE, or --scene"),
-        (("disparity.pfm", "map.npy", "--to", "normals"), "none is beside the map"),
+        (("disparity.pfm", "map.npy", "--to", "normals"), "none is next to the map"),
         (("disparity.pfm", "map.npy", "--to", "depth", "--scene", "."), ". has none"),
         (("disparity.pfm", "map.npy", "--to", "depth", "--parameters", "no.cfg"), "no.cfg"),
-        (("disparity.pfm", "map.npy", "--scene", "."), "pass what to make of it (--to)"),
+        (("disparity.pfm", "map.npy", "--scene", "."), "already holds disparity"),
         (("disparity.pfm", "depth.npy"), "its name says depth, but disparity would be written"),
         (("disparity.pfm", "normals.png"), "its name says normals, but disparity"),
-        (("disparity.pfm", "cloud.ply", "--from", "depth"), "points cannot be made of depth"),
-        (("disparity.pfm", "disparity.pfm", "--overwrite"), "is the map itself"),
+        (
+            ("disparity.pfm", "cloud.ply", "--from", "depth"),
+            "to points needs the camera",
+        ),
         (("disparity.pfm", "../here/disparity.pfm", "--overwrite"), "is the map itself"),
         (("disparity.pfm", "disparity.npy/map.npy"), "disparity.npy"),
         (("disparity.pfm", 300 * "n" + ".npy"), "file name too long"),
-        (("disparity.pfm", "map.npy", "--scale", "2"), "are for a PNG"),
+        (("disparity.pfm", "map.npy", "--scale", "2"), "apply only to a PNG"),
     ],
 )
-def test_what_cannot_be_done_is_one_line_and_code_2_and_writes_nothing(
-    run, arguments, says, tmp_path
-):
+def test_refused_arguments_give_one_line_and_code_2_and_no_file(run, arguments, reason, tmp_path):
     code, _, err = run(*arguments)
     assert code == 2
     assert err.startswith("occjax: ")
     assert err.count("\n") == 1
-    assert says in err
+    assert reason in err
     assert {path.name for path in (tmp_path / "here").iterdir()} == {
         "disparity.npy",
         "disparity.pfm",
     }
 
 
-def test_the_help_has_examples_one_a_line(run):
+def test_the_help_has_one_example_per_line(run):
     code, out, _ = run("--help")
     assert code == 0
     for example in (

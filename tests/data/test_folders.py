@@ -1,4 +1,4 @@
-"""Scenes from folders: what is read, and which patches of it a source gives."""
+"""Scenes read from folders, and sources of their patches."""
 
 import imageio.v3 as imageio
 import jax
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.folders import folder_source, grain_source, published_source
-from occjax.data.samples import Sample
+from occjax.data.folders import folder_source, published_source
 from occjax.data.scenes import Scene, load_scenes
 from occjax.errors import InputError
 from occjax.io import write_pfm
-from tests.data.scenes import grid, star, warped
+from occjax.lightfield import view_offsets
+from tests.data.scenes import star, warped
 
 SIZE = (24, 26)
 
@@ -31,8 +31,8 @@ def write_scene(folder, *, views=3, mask=None, seed=0, truth=0.5):
 
 
 def numbered_scene(number=0, size=(20, 22), offsets=None):
-    """A scene of colourless views that show, in two colours, the row and column of each pixel."""
-    offsets = grid(3, 3) if offsets is None else offsets
+    """A scene whose views show row, column and number of the scene as their three colours."""
+    offsets = view_offsets(3, 3) if offsets is None else offsets
     y, x = np.mgrid[: size[0], : size[1]]
     image = np.stack([y, x, np.full(size, number)], axis=-1).astype(np.uint8)
     views = np.tile(image, (*offsets.shape[:2], 1, 1, 1))
@@ -46,7 +46,7 @@ def test_a_folder_is_read_in_eight_bits_with_its_ground_truth(tmp_path):
     assert scene.views.dtype == np.uint8
     np.testing.assert_array_equal(scene.views, images)
     np.testing.assert_array_equal(scene.disparity, 0.75)
-    np.testing.assert_array_equal(scene.offsets, grid(3, 3))
+    np.testing.assert_array_equal(scene.offsets, view_offsets(3, 3))
     assert scene.valid.all()
     assert not scene.masked
     assert scene.name == "one"
@@ -61,7 +61,7 @@ def test_scenes_are_found_in_a_folder_of_folders_in_order(tmp_path):
     assert [scene.name for scene in both] == ["c", "a"]
 
 
-def test_some_views_are_kept_with_their_offsets(tmp_path):
+def test_selected_views_keep_their_offsets(tmp_path):
     images = write_scene(tmp_path / "one", views=5)
     (scene,) = load_scenes(tmp_path / "one", views="star", progress=False)
     np.testing.assert_array_equal(scene.offsets, star(5))
@@ -69,7 +69,7 @@ def test_some_views_are_kept_with_their_offsets(tmp_path):
         np.testing.assert_array_equal(scene.views[0, place], images[tuple(offset + 2)])
 
 
-def test_masked_and_infinite_ground_truth_does_not_count(tmp_path):
+def test_masked_and_infinite_ground_truth_is_not_valid(tmp_path):
     mask = np.zeros(SIZE, np.uint8)
     mask[3, 5] = 255
     write_scene(tmp_path / "one", mask=mask)
@@ -84,7 +84,7 @@ def test_masked_and_infinite_ground_truth_does_not_count(tmp_path):
     assert np.isfinite(scene.disparity).all()
 
 
-def test_folders_that_cannot_teach_are_refused(tmp_path):
+def test_folders_without_usable_scenes_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_scenes(tmp_path / "nowhere", progress=False)
     with pytest.raises(InputError, match="gt_disp_lowres"):
@@ -94,80 +94,55 @@ def test_folders_that_cannot_teach_are_refused(tmp_path):
         load_scenes(tmp_path, progress=False)
 
 
-def test_grey_is_weighed_as_told():
+def test_grey_is_the_weighted_mean_of_the_colours():
     scene = numbered_scene(7)
     grey = scene.grey(np.s_[2:5, 3:5], np.array([1.0, 2.0, 1.0]))
     y, x = np.mgrid[2:5, 3:5]
     np.testing.assert_allclose(grey[1, 2], (y + 2 * x + 7) / 4 / 255, rtol=1e-5)
 
 
-def place(sample):
-    """Row and column of the first pixel, by the disparity of :func:`numbered_scene`."""
-    return divmod(int(sample.disparity[0, 0]), 100)
+GEOMETRY = AugmentationConfig(
+    crop=(9, 9), flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
+)
+"""Crops alone."""
 
 
-def test_windows_are_the_same_part_of_views_and_ground_truth():
-    config = AugmentationConfig(
-        crop=(9, 9), flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
-    )
+def test_windows_are_the_same_part_of_views_and_ground_truth_in_random_grey():
     scenes = [numbered_scene(0), numbered_scene(60)]
-    source = folder_source(scenes, 6, seed=0, augmentation=config, random_grey=False, threads=0)
-    corners, numbers = set(), set()
-    for step in range(5):
-        batch = source(step)
-        for index in range(6):
-            sample = jax.tree.map(lambda field, index=index: np.asarray(field[index]), batch)
-            top, left = place(sample)
+    source = folder_source(scenes, 6, seed=0, augmentation=GEOMETRY, threads=0)
+    corners, numbers, greys = set(), set(), []
+    for batch in map(source, range(5)):
+        for views, disparity in zip(batch.views, np.asarray(batch.disparity), strict=True):
+            top, left = divmod(int(disparity[0, 0]), 100)
             y, x = np.mgrid[top : top + 9, left : left + 9]
-            number = round(
-                float(255 * sample.views[0, 0, 0, 0] - 0.299 * top - 0.587 * left) / 0.114
+            np.testing.assert_allclose(disparity, 100 * y + x)
+            # Grey is linear in the colours, which are row, column and number of the scene.
+            colours = np.stack([y, x, np.ones((9, 9))], axis=-1).reshape(-1, 3) / 255
+            (red, green, rest), *_ = np.linalg.lstsq(colours, np.ravel(views[2, 1]), rcond=None)
+            np.testing.assert_allclose(
+                colours @ [red, green, rest], np.ravel(views[0, 2]), atol=1e-5
             )
-            grey = (0.299 * y + 0.587 * x + 0.114 * number) / 255
-            np.testing.assert_allclose(sample.views[2, 1], grey, atol=1e-5)
-            np.testing.assert_allclose(sample.disparity, 100 * y + x)
             corners.add((top, left))
-            numbers.add(number)
+            numbers.add(round(rest / (1 - red - green)))
+            greys.append((red, green, 1 - red - green))
     assert numbers == {0, 60}
     assert len(corners) > 15
+    # Weights are 0.05 + U(0, 1) each: no colour weighs more than 1.05 / 1.15 of all.
+    assert 0.02 < np.min(greys) < 0.1
+    assert 0.6 < np.max(greys) < 0.92
 
 
 @pytest.mark.parametrize("threads", [0, 2])
-def test_a_step_gives_the_same_batch_whatever_was_asked_before(threads):
-    config = AugmentationConfig(crop=(8, 8))
-    options = {"augmentation": config, "threads": threads}
-    source = folder_source([numbered_scene(0), numbered_scene(9)], 3, 4, **options)
+def test_the_batch_of_a_step_does_not_depend_on_earlier_requests(threads):
+    scenes, config = [numbered_scene(0), numbered_scene(9)], AugmentationConfig(crop=(8, 8))
+    source = folder_source(scenes, 3, 4, augmentation=config, threads=0)
     batches = [source(step) for step in range(4)]
-    again = folder_source([numbered_scene(0), numbered_scene(9)], 3, 4, **options)
+    again = folder_source(scenes, 3, 4, augmentation=config, threads=threads)
     for step in (2, 3, 0, 1):
         jax.tree.map(np.testing.assert_array_equal, again(step), batches[step])
     assert not np.array_equal(batches[0].views, batches[1].views)
-    other = folder_source([numbered_scene(0), numbered_scene(9)], 3, 5, **options)(0)
+    other = folder_source(scenes, 3, 5, augmentation=config, threads=threads)(0)
     assert not np.array_equal(batches[0].views, other.views)
-
-
-def test_threads_change_nothing_but_the_time():
-    def draw(generator):
-        image = generator.uniform(size=(1, 1, 2, 2)).astype(np.float32)
-        return Sample(
-            image, np.zeros((1, 1, 2), np.float32), image[0, 0], image > 0, image[0, 0] > 0
-        )
-
-    plain, ahead = (grain_source(draw, 3, 11, threads=threads) for threads in (0, 3))
-    for step in (0, 1, 2, 3, 4, 40, 41, 7):
-        jax.tree.map(np.testing.assert_array_equal, ahead(step), plain(step))
-
-
-def test_random_grey_differs_from_patch_to_patch():
-    config = AugmentationConfig(
-        crop=(20, 22), flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
-    )
-    batch = folder_source([numbered_scene()], 8, seed=0, augmentation=config, threads=0)(0)
-    views = np.asarray(batch.views)[:, 1, 1] * 255
-    red, green = views[:, 1, 0] - views[:, 0, 0], views[:, 0, 1] - views[:, 0, 0]
-    assert len(np.unique(red.round(4))) == 8
-    # Weights of 0.05 + U(0, 1) each: no colour weighs more than 1.05 / 1.15 of all.
-    assert 0.02 < red.min() < red.max() < 0.92
-    assert (red + green < 0.98).all()
 
 
 def test_whole_views_without_augmentation():
@@ -176,22 +151,22 @@ def test_whole_views_without_augmentation():
     np.testing.assert_array_equal(batch.disparity[1], numbered_scene().disparity)
 
 
-def test_what_cannot_be_cut_is_refused():
+def test_impossible_sources_are_refused():
+    scene = numbered_scene()
     with pytest.raises(InputError, match="no scenes"):
         folder_source([], 2, seed=0)
     with pytest.raises(InputError, match="batch_size"):
-        folder_source([numbered_scene()], 0, seed=0)
+        folder_source([scene], 0, seed=0)
     with pytest.raises(InputError, match="seed is -1"):
-        folder_source([numbered_scene()], 1, seed=-1)
+        folder_source([scene], 1, seed=-1)
     config = AugmentationConfig(crop=(24, 24))
     with pytest.raises(InputError, match="24x24"):
-        folder_source([numbered_scene()], 1, seed=0, augmentation=config, threads=0)(0)
-    scenes = [numbered_scene(0), numbered_scene(1, offsets=star(3))]
-    with pytest.raises(InputError, match="alike"):
-        folder_source(scenes, 16, seed=0, threads=0)(0)
+        folder_source([scene], 1, seed=0, augmentation=config, threads=0)(0)
+    with pytest.raises(InputError, match="same selection"):
+        folder_source([scene, numbered_scene(1, offsets=star(3))], 16, seed=0, threads=0)(0)
 
 
-def test_published_patches_come_in_batches_that_depend_on_the_step_alone():
+def test_published_patches_depend_only_on_the_step():
     scenes = [numbered_scene(number, size=(110, 120)) for number in range(2)]
     source = published_source(scenes, 5, seed=1)
     batches = [source(step) for step in range(3)]
@@ -203,7 +178,7 @@ def test_published_patches_come_in_batches_that_depend_on_the_step_alone():
 
 def test_patches_of_a_rendered_scene_agree_best_with_its_ground_truth(shared):
     (scene,) = load_scenes(shared / "data" / "rendered" / "s013", views="star", progress=False)
-    config = AugmentationConfig(crop=(64, 64), shear=1.0, noise=0.0)
+    config = AugmentationConfig(crop=(64, 64), noise=0.0)
     batch = folder_source([scene], 4, seed=0, augmentation=config, threads=0)(0)
     differences = {0.0: [], 1.0: [], -1.0: []}
     for index in range(4):

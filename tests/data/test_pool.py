@@ -1,42 +1,32 @@
-"""Pools: what is stored, what is made again, and which light field comes when."""
+"""Pools: what is stored, what is rendered again, and the order of the light fields."""
 
 import json
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from occjax.data import pool
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.pool import pool_size, pool_source, read_sample, render_pool, write_sample
-from occjax.data.samples import Sample
-from occjax.data.scene_config import SceneConfig
+from occjax.data.pool import light_field_files, pool_source, read_sample, render_pool, write_sample
+from occjax.data.procedural import SceneConfig
 from occjax.errors import InputError
+from tests.data.scenes import cheap_scene
 
 CONFIG = SceneConfig(image_size=(5, 11), grid=(3, 3))
+
 RENDERED = []
-
-
-def cheap_scene(key, config, photographs=None):
-    """Stands for the generator, which takes long to compile: random numbers of the right shape."""
-    RENDERED.append(np.asarray(jax.random.key_data(key)).tolist())
-    parts = jax.random.split(key, 4)
-    views = jax.random.uniform(parts[0], (1, 9, *config.image_size))
-    offsets = jnp.array([[[row, column] for row in (-1.0, 0, 1) for column in (-1.0, 0, 1)]])
-    return Sample(
-        views=views if photographs is None else views * 0.0,
-        offsets=offsets,
-        disparity=jax.random.normal(parts[1], config.image_size),
-        visibility=jax.random.bernoulli(parts[2], 0.7, (1, 9, *config.image_size)),
-        valid=jax.random.bernoulli(parts[3], 0.9, config.image_size),
-    )
 
 
 @pytest.fixture(autouse=True)
 def generator(monkeypatch):
-    monkeypatch.setattr(pool, "generate", cheap_scene)
     RENDERED.clear()
+
+    def generate(key, config):
+        RENDERED.append(key)
+        return cheap_scene(key, config)
+
+    monkeypatch.setattr(pool, "generate", generate)
 
 
 def expected(number, seed=3):
@@ -51,7 +41,7 @@ def assert_stored(found, sample):
         assert getattr(found, field).dtype == getattr(sample, field).dtype
 
 
-def test_a_sample_is_read_as_it_was_written_but_for_eight_bits(tmp_path):
+def test_a_sample_is_read_as_it_was_written_except_for_rounding_to_8_bits(tmp_path):
     sample = expected(0)
     write_sample(tmp_path / "one.npz", sample)
     assert_stored(read_sample(tmp_path / "one.npz"), sample)
@@ -69,54 +59,38 @@ def test_light_fields_are_numbered_by_the_seed(tmp_path):
 def test_only_missing_light_fields_are_rendered(tmp_path):
     render_pool(tmp_path, 4, CONFIG, 3, progress=False)
     (tmp_path / "000001.npz").unlink()
-    assert pool_size(tmp_path) == 1
+    assert len(light_field_files(tmp_path)) == 1
     kept = (tmp_path / "000002.npz").stat().st_mtime_ns
     RENDERED.clear()
     render_pool(tmp_path, 6, CONFIG, 3, progress=False)
     assert len(RENDERED) == 3
     assert (tmp_path / "000002.npz").stat().st_mtime_ns == kept
-    assert pool_size(tmp_path) == 6
+    assert len(light_field_files(tmp_path)) == 6
     assert_stored(read_sample(tmp_path / "000001.npz"), expected(1))
     assert_stored(read_sample(tmp_path / "000005.npz"), expected(5))
 
 
-def test_a_smaller_count_leaves_the_rest(tmp_path):
-    render_pool(tmp_path, 3, CONFIG, 3, progress=False)
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
-    assert pool_size(tmp_path) == 3
-
-
 @pytest.mark.parametrize(
-    ("other", "named"),
+    ("field", "value", "named"),
     [
-        ({"seed": 4}, "seed is 3, not 4"),
-        ({"config": SceneConfig(image_size=(5, 12), grid=(3, 3))}, "image_size"),
-        ({"photographs": jnp.zeros((1, 256, 256))}, "photographs"),
+        ("seed", 4, "seed is 4, not 3"),
+        ("scenes", {"image_size": [5, 12]}, "image_size"),
+        ("version", "0.0.1", "version is 0.0.1"),
+        ("photographs", None, "photographs is None, not absent"),
     ],
 )
-def test_another_configuration_is_refused_and_the_difference_named(tmp_path, other, named):
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
-    options = {"config": CONFIG, "seed": 3, **other}
-    with pytest.raises(InputError, match=named):
-        render_pool(tmp_path, 2, progress=False, **options)
-    assert pool_size(tmp_path) == 1
-
-
-def test_another_version_of_the_package_is_refused(tmp_path):
+def test_a_pool_of_other_settings_is_refused_and_the_difference_named(
+    tmp_path, field, value, named
+):
     render_pool(tmp_path, 1, CONFIG, 3, progress=False)
     description = json.loads((tmp_path / "pool.json").read_text())
-    description["version"] = "0.0.1"
-    (tmp_path / "pool.json").write_text(json.dumps(description))
-    with pytest.raises(InputError, match="version"):
+    (tmp_path / "pool.json").write_text(json.dumps({**description, field: value}))
+    with pytest.raises(InputError, match=named):
         render_pool(tmp_path, 2, CONFIG, 3, progress=False)
+    assert len(light_field_files(tmp_path)) == 1
 
 
-def test_photographs_reach_the_generator(tmp_path):
-    render_pool(tmp_path, 1, CONFIG, 3, photographs=jnp.zeros((1, 256, 256)), progress=False)
-    assert read_sample(tmp_path / "000000.npz").views.max() == 0.0
-
-
-def test_each_light_field_comes_once_before_any_comes_again(tmp_path):
+def test_each_light_field_is_used_once_before_any_is_used_again(tmp_path):
     render_pool(tmp_path, 5, CONFIG, 3, progress=False)
     source = pool_source(tmp_path, 3, seed=1)
     drawn = [float(d[0, 0]) for step in range(5) for d in source(step).disparity]
@@ -125,7 +99,7 @@ def test_each_light_field_comes_once_before_any_comes_again(tmp_path):
     assert len({tuple(once) for once in rounds}) == 3
 
 
-def test_a_step_gives_the_same_batch_whatever_was_asked_before(tmp_path):
+def test_the_batch_of_a_step_does_not_depend_on_earlier_requests(tmp_path):
     render_pool(tmp_path, 5, CONFIG, 3, progress=False)
     config = AugmentationConfig(crop=(4, 4))
     source = pool_source(tmp_path, 2, seed=1, augmentation=config)
@@ -138,36 +112,37 @@ def test_a_step_gives_the_same_batch_whatever_was_asked_before(tmp_path):
     assert not np.array_equal(other.views, batches[0].views)
 
 
-def test_a_light_field_drawn_twice_is_varied_differently(tmp_path):
+def test_views_of_a_pool_can_be_selected(tmp_path):
     render_pool(tmp_path, 1, CONFIG, 3, progress=False)
-    config = AugmentationConfig(turns=False)
-    batch = pool_source(tmp_path, 2, seed=1, augmentation=config)(0)
-    assert not np.allclose(batch.views[0], batch.views[1])
-
-
-def test_views_and_part_of_a_pool_can_be_chosen(tmp_path):
-    render_pool(tmp_path, 3, CONFIG, 3, progress=False)
-    batch = pool_source(tmp_path, 4, seed=0, views="cross", count=1)(0)
+    batch = pool_source(tmp_path, 4, seed=0, views="cross")(0)
     assert batch.views.shape == (4, 1, 5, 5, 11)
     np.testing.assert_array_equal(batch.disparity, np.stack([expected(0).disparity] * 4))
 
 
-def test_what_is_no_pool_or_too_small_is_refused(tmp_path):
+def test_a_light_field_drawn_twice_is_varied_differently(tmp_path):
+    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    batch = pool_source(tmp_path, 2, seed=1, augmentation=AugmentationConfig(turns=False))(0)
+    assert not np.allclose(batch.views[0], batch.views[1])
+
+
+def test_folders_that_are_no_pool_are_refused(tmp_path):
     with pytest.raises(InputError, match="is not a pool"):
         pool_source(tmp_path, 2, seed=0)
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
-    with pytest.raises(InputError, match="has 1 light fields, 2 are needed"):
-        pool_source(tmp_path, 2, seed=0, count=2)
-    with pytest.raises(InputError, match="batch_size"):
-        pool_source(tmp_path, 0, seed=0)
-    with pytest.raises(InputError, match="at least 1"):
-        render_pool(tmp_path, 0, CONFIG, 3, progress=False)
-
-
-def test_a_folder_of_other_files_is_not_taken_for_a_pool(tmp_path):
     np.savez(tmp_path / "results.npz", views=np.zeros(3))
     with pytest.raises(InputError, match="choose another folder"):
         render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    (tmp_path / "pool.json").write_text("{")
+    with pytest.raises(InputError, match=r"pool\.json: cannot be decoded"):
+        render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    with pytest.raises(InputError, match="is an empty pool"):
+        pool_source(tmp_path, 2, seed=0)
+
+
+def test_empty_pools_and_batches_are_refused(tmp_path):
+    with pytest.raises(InputError, match="at least 1"):
+        render_pool(tmp_path, 0, CONFIG, 3, progress=False)
+    with pytest.raises(InputError, match="batch_size"):
+        pool_source(tmp_path, 0, seed=0)
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a zip file", None])
@@ -175,11 +150,5 @@ def test_a_damaged_file_is_named(tmp_path, damage):
     render_pool(tmp_path, 1, CONFIG, 3, progress=False)
     path = tmp_path / "000000.npz"
     path.write_bytes(path.read_bytes()[:700] if damage is None else damage)
-    with pytest.raises(InputError, match=r"000000\.npz: is damaged"):
+    with pytest.raises(InputError, match=r"000000\.npz: cannot be decoded"):
         pool_source(tmp_path, 1, seed=0)(0)
-
-
-def test_a_damaged_description_is_named(tmp_path):
-    (tmp_path / "pool.json").write_text("{")
-    with pytest.raises(InputError, match=r"pool\.json: is damaged"):
-        render_pool(tmp_path, 1, CONFIG, 3, progress=False)

@@ -1,5 +1,6 @@
-"""The published recipe for patches, against its own numbers."""
+"""The published augmentation, against its published probabilities and limits."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -10,10 +11,11 @@ from occjax.data.published_augmentation import (
     published_sample,
     published_symmetry,
 )
-from occjax.data.samples import Sample
+from occjax.data.samples import numpy_sample
 from occjax.data.scenes import Scene
 from occjax.errors import InputError
-from tests.data.scenes import assert_consistent, disc_before_a_wall, grid
+from occjax.lightfield import view_offsets
+from tests.data.scenes import assert_consistent, disc_before_a_wall
 
 
 def scene_of(image, *, name="scene", masked=False, valid=None, disparity=None):
@@ -22,7 +24,7 @@ def scene_of(image, *, name="scene", masked=False, valid=None, disparity=None):
     return Scene(
         name=name,
         views=np.tile(image.astype(np.uint8), (3, 3, 1, 1, 1)),
-        offsets=grid(3, 3),
+        offsets=view_offsets(3, 3),
         disparity=np.full(size, 6.0, np.float32) if disparity is None else disparity,
         valid=np.ones(size, bool) if valid is None else valid,
         masked=masked,
@@ -40,7 +42,7 @@ def patches(scenes, count, seed=0):
     return [published_patch(generator, scenes) for _ in range(count)]
 
 
-def test_strides_come_up_as_often_as_published_and_divide_the_disparity():
+def test_strides_have_the_published_frequencies_and_divide_the_disparity():
     found = [float(patch.disparity[0, 0]) for patch in patches([scene_of(checks())], 850)]
     for stride, expected in [(1, 400), (2, 300), (3, 150)]:
         count = sum(disparity == pytest.approx(6.0 / stride) for disparity in found)
@@ -66,14 +68,10 @@ def test_patches_are_every_stride_th_pixel_of_the_views():
 
 
 def test_grey_weights_are_as_published():
-    colours = np.zeros((110, 120, 3))
-    colours[..., 0] = 250 * (checks()[..., 0] > 120)
-    colours[..., 1] = 250 * (checks()[..., 0] <= 120)
-    weights = []
-    for patch in patches([scene_of(colours)], 300):
-        red_or_green = np.unique(patch.views[1, 1].round(5)) * 255 / 250
-        weights.append(red_or_green)
-    weights = np.array(weights)
+    red = checks()[..., 0] > 120
+    scene = scene_of(250 * np.stack([red, ~red, 0 * red], axis=-1))
+    found = patches([scene], 300)
+    weights = np.array([np.unique(patch.views[1, 1].round(5)) * 255 / 250 for patch in found])
     assert weights.shape == (300, 2)
     # (0.05 + a) / (0.15 + a + b + c), a, b, c in [0, 1]; a third on average, by symmetry.
     assert weights.min() > 0.05 / 2.15
@@ -91,7 +89,7 @@ def test_flat_patches_are_redrawn():
         assert np.abs(centre - centre[16, 16]).sum() >= 0.01 * 32**2
 
 
-def test_masks_are_never_touched_and_masked_scenes_come_a_quarter_as_often():
+def test_masks_are_avoided_and_masked_scenes_are_a_quarter_as_frequent():
     valid = np.ones((110, 120), bool)
     valid[40:44] = False
     plain = scene_of(checks(), disparity=np.full((110, 120), 6.0, np.float32))
@@ -105,16 +103,16 @@ def test_masks_are_never_touched_and_masked_scenes_come_a_quarter_as_often():
     assert abs(share - 0.2) < 4 * np.sqrt(0.2 * 0.8 / 500)
 
 
-def test_scenes_without_a_usable_patch_are_refused_not_searched_for_ever():
+def test_scenes_without_an_acceptable_patch_are_refused():
     flat = scene_of(np.full((40, 40, 3), 90), name="flat wall")
     for scenes, message in [([flat], "flat wall"), ([], "no scenes")]:
         with pytest.raises(InputError, match=message):
             patches(scenes, 1)
 
 
-def test_gamma_is_one_power_for_all_views_between_the_published_bounds():
+def test_gamma_is_one_power_for_all_views_within_the_published_limits():
     views = np.random.default_rng(0).uniform(0.1, 0.9, (3, 3, 4, 4)).astype(np.float32)
-    sample = Sample(views, grid(3, 3), views[0, 0], views > 0, views[0, 0] > 0)
+    sample = numpy_sample(views, view_offsets(3, 3), views[0, 0])
     powers = []
     for seed in range(60):
         changed = published_gamma(np.random.default_rng(seed), sample)
@@ -125,9 +123,9 @@ def test_gamma_is_one_power_for_all_views_between_the_published_bounds():
     assert 1.15 < max(powers) <= 1.2
 
 
-def test_noise_comes_in_one_of_twelve_with_the_published_strength():
+def test_one_of_twelve_patches_has_noise_of_the_published_strength():
     views = np.full((3, 3, 32, 32), 0.5, np.float32)
-    sample = Sample(views, grid(3, 3), views[0, 0], views > 0, views[0, 0] > 0)
+    sample = numpy_sample(views, view_offsets(3, 3), views[0, 0])
     generator = np.random.default_rng(1)
     strengths = []
     for _ in range(1200):
@@ -142,23 +140,21 @@ def test_noise_comes_in_one_of_twelve_with_the_published_strength():
     assert abs(np.mean(strengths) - np.sqrt(0.2) / 2) < 4 * np.sqrt(0.2 / 12 / 90)
 
 
-def test_all_eight_symmetries_come_up_and_keep_the_light_field_consistent():
-    sample, masks = disc_before_a_wall(grid(5, 5), size=(40, 40))
-    sample, masks = (Sample(*(np.asarray(field) for field in one)) for one in (sample, masks))
+def test_all_eight_symmetries_are_drawn_and_keep_the_light_field_consistent():
+    sample, masks = disc_before_a_wall(view_offsets(5, 5), size=(40, 40))
+    sample, masks = jax.tree.map(np.asarray, (sample, masks))
     found = set()
     for seed in range(60):
         turned = published_symmetry(np.random.default_rng(seed), sample)
         corners = tuple(turned.disparity[[0, 0, -1, -1], [0, -1, 0, -1]].round(4).tolist())
         if corners not in found:
-            assert (
-                assert_consistent(turned, published_symmetry(np.random.default_rng(seed), masks))
-                > 100
-            )
+            turned_masks = published_symmetry(np.random.default_rng(seed), masks)
+            assert assert_consistent(turned, turned_masks) > 100
         found.add(corners)
     assert len(found) == 8
 
 
-def test_a_sample_is_of_numpy_and_depends_on_the_generator_alone():
+def test_a_sample_has_numpy_arrays_and_depends_only_on_the_generator():
     scenes = [scene_of(checks())]
     first, again, other = (
         published_sample(np.random.default_rng(seed), scenes) for seed in (3, 3, 4)

@@ -1,5 +1,7 @@
 """Sources are functions of the step; mixtures of them keep their proportions."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,17 +9,11 @@ import pytest
 
 from occjax.data import sources
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.samples import Sample
-from occjax.data.scene_config import SceneConfig
-from occjax.data.sources import (
-    kept_source,
-    mixture,
-    procedural_source,
-    random_views,
-    shares,
-)
+from occjax.data.procedural import SceneConfig
+from occjax.data.samples import LightFieldSample
+from occjax.data.sources import kept_source, mixture, procedural_source, shares
 from occjax.errors import InputError
-from tests.data.scenes import grid
+from tests.data.scenes import cheap_scene
 
 
 def numbered(name, batch_size=4, size=(2, 2)):
@@ -30,7 +26,9 @@ def numbered(name, batch_size=4, size=(2, 2)):
         disparity = jnp.asarray(np.tile(numbers[:, None, None], size), jnp.float32)
         views = jnp.zeros((batch_size, 1, 1, *size))
         seen = views == 0
-        return Sample(views, jnp.zeros((batch_size, 1, 1, 2)), disparity, seen, seen[:, 0, 0])
+        return LightFieldSample(
+            views, jnp.zeros((batch_size, 1, 1, 2)), disparity, seen, seen[:, 0, 0]
+        )
 
     source.asked = asked
     return source
@@ -66,7 +64,7 @@ def test_every_batch_of_a_mixture_has_both_sources():
         assert sum(number < 2000 for number in numbers(source(step))) == 2
 
 
-def test_a_mixture_makes_nothing_in_vain():
+def test_a_mixture_requests_no_batch_that_it_does_not_use():
     first, second = numbered(1), numbered(2)
     source = mixture({first: 3.0, second: 1.0})
     for step in range(8):
@@ -75,7 +73,7 @@ def test_a_mixture_makes_nothing_in_vain():
     assert sorted(second.asked) == list(range(2))
 
 
-def test_a_mixture_gives_the_same_batch_whatever_was_asked_before():
+def test_the_batch_of_a_mixture_does_not_depend_on_earlier_requests():
     parts = {numbered(1): 0.6, numbered(2): 0.3, numbered(3): 0.1}
     in_order = mixture(parts)
     batches = [numbers(in_order(step)) for step in range(12)]
@@ -83,7 +81,7 @@ def test_a_mixture_gives_the_same_batch_whatever_was_asked_before():
         assert numbers(mixture(parts)(step)) == batches[step]
 
 
-def test_a_source_of_no_weight_is_never_asked():
+def test_a_source_of_weight_zero_is_never_requested():
     idle = numbered(2)
     source = mixture({idle: 0.0, numbered(1): 1.0})
     assert numbers(source(3)) == [1012, 1013, 1014, 1015]
@@ -103,11 +101,7 @@ def test_sources_that_do_not_fit_together_are_refused():
         mixture({numbered(1): 1.0, numbered(2, size=(3, 2)): 1.0})(0)
 
 
-def cheap_scene(key, config, photographs=None):
-    """Stands for the generator, which takes long to compile."""
-    views = jax.random.uniform(key, (3, 3, *config.image_size))
-    seen = views > 0.2
-    return Sample(views, jnp.zeros((3, 3, 2)), views[1, 1], seen, seen[1, 1])
+CONFIG = SceneConfig(image_size=(8, 8), grid=(3, 3))
 
 
 @pytest.fixture
@@ -117,92 +111,54 @@ def generator(monkeypatch):
 
 @pytest.mark.usefixtures("generator")
 def test_procedural_light_fields_are_numbered_by_the_seed():
-    config = SceneConfig(image_size=(4, 6), grid=(3, 3))
-    batch = procedural_source(config, 3, seed=5)(2)
+    batch = procedural_source(CONFIG, 3, seed=5)(2)
     for place in range(3):
-        key = jax.random.fold_in(jax.random.key(5), 2 * 3 + place)
-        expected = cheap_scene(key, config)
-        jax.tree.map(
-            lambda found, truth, place=place: np.testing.assert_array_equal(found[place], truth),
-            batch,
-            expected,
-        )
+        expected = cheap_scene(jax.random.fold_in(jax.random.key(5), 2 * 3 + place), CONFIG)
+        found = jax.tree.map(lambda field, place=place: field[place], batch)
+        jax.tree.map(np.testing.assert_array_equal, found, expected)
 
 
 @pytest.mark.usefixtures("generator")
-def test_procedural_light_fields_are_augmented_alike_for_the_same_step():
-    config = SceneConfig(image_size=(8, 8), grid=(3, 3))
-    augmentation = AugmentationConfig(crop=(6, 6))
-    first, second = (procedural_source(config, 2, 5, augmentation=augmentation) for _ in range(2))
+@pytest.mark.parametrize("make", [procedural_source, partial(kept_source, count=1)])
+def test_light_fields_are_augmented_by_the_step_and_the_sample(make):
+    options = {"batch_size": 2, "seed": 5, "augmentation": AugmentationConfig(crop=(6, 6))}
+    first, second = make(CONFIG, **options), make(CONFIG, **options)
     first(0)
-    assert first(1).views.shape == (2, 3, 3, 6, 6)
+    assert first(1).views.shape == (2, 1, 9, 6, 6)
     jax.tree.map(np.testing.assert_array_equal, first(1), second(1))
+    assert not np.array_equal(first(0).views, first(1).views)
+    assert not np.array_equal(first(1).views[0], first(1).views[1])
 
 
-def test_an_empty_batch_is_refused():
-    with pytest.raises(InputError, match="batch_size is 0"):
-        procedural_source(SceneConfig(), 0, seed=0)
-
-
-def test_light_fields_that_are_kept_are_those_that_would_be_rendered():
-    config = SceneConfig(image_size=(12, 12), grid=(3, 3), sheets=1, solids=1, rays=1)
-    made = [procedural_source(config, 2, seed=5)(step) for step in range(3)]
-    made = jax.tree.map(lambda *fields: np.concatenate(fields), *made)
-    source, again = (kept_source(config, 5, 2, seed=5) for _ in range(2))
+@pytest.mark.usefixtures("generator")
+def test_kept_light_fields_are_those_of_the_procedural_source():
+    rendered = [procedural_source(CONFIG, 2, seed=5)(step) for step in range(3)]
+    disparity = np.concatenate([batch.disparity for batch in rendered])
+    source, again = (kept_source(CONFIG, 5, 2, seed=5) for _ in range(2))
     seen = set()
     for step in (3, 0, *range(12)):
         batch = source(step)
         jax.tree.map(np.testing.assert_array_equal, batch, again(step))
-        for each in range(2):
+        for place in range(2):
             (number,) = np.flatnonzero(
-                (made.disparity == np.asarray(batch.disparity[each])).all((1, 2))
+                (disparity == np.asarray(batch.disparity[place])).all((1, 2))
             )
-            one, other = (
-                jax.tree.map(lambda field, i=i: np.asarray(field[i]), fields)
-                for fields, i in ((batch, each), (made, number))
-            )
-            np.testing.assert_allclose(one.views, other.views, atol=0.5001 / 255)
-            jax.tree.map(
-                np.testing.assert_array_equal, one._replace(views=0), other._replace(views=0)
-            )
+            for name, found in batch._asdict().items():
+                original = getattr(rendered[number // 2], name)[number % 2]
+                atol = 0.5001 / 255 if name == "views" else 0.0
+                np.testing.assert_allclose(found[place], original, rtol=0.0, atol=atol)
             seen.add(int(number))
-    assert seen == set(range(5))  # the sixth was rendered with the fifth, but not asked for
+    assert seen == set(range(5))  # the sixth is rendered with the fifth, but not requested
 
 
-def test_light_fields_that_are_kept_are_varied_from_step_to_step():
-    config = SceneConfig(image_size=(12, 12), grid=(3, 3), sheets=1, solids=1, rays=1)
-    augmentation = AugmentationConfig(crop=(8, 8))
-    source = kept_source(config, 1, 2, seed=5, augmentation=augmentation)
-    first, second = source(0), source(1)
-    assert first.views.shape == (2, 1, 9, 8, 8)
-    assert not np.array_equal(first.views, second.views)
-    assert not np.array_equal(first.views[0], first.views[1])
-
-
-def test_no_light_fields_to_keep_are_refused():
+def test_empty_sources_are_refused():
+    with pytest.raises(InputError, match="batch_size is 0"):
+        procedural_source(CONFIG, 0, seed=0)
     with pytest.raises(InputError, match="at least 1"):
-        kept_source(SceneConfig(), 0, 2, seed=0)
+        kept_source(CONFIG, 0, 2, seed=0)
 
 
-def test_more_light_fields_than_there_is_memory_for_are_told():
-    source = kept_source(SceneConfig(image_size=(12, 12), grid=(3, 3), rays=1), 10**13, 2, seed=0)
-    with pytest.raises(InputError, match=r"to keep take \d+ GB, which the device has not"):
-        source(0)
-
-
-def test_views_differ_from_step_to_step_as_often_as_asked():
-    images = np.zeros((2, 5, 5, 2, 2), np.float32)
-    offsets = np.stack([grid(5, 5)] * 2)
-    whole = Sample(images, offsets, images[:, 0, 0], images == 0, images[:, 0, 0] == 0)
-    options = {"selections": {(3, 3): 2.0, "cross": 1.0, "all": 1.0, "star": 0.0}, "seed": 0}
-    source = random_views(lambda step: whole, **options)
-    grids = [source(step).views.shape[1:3] for step in range(400)]
-    for arrangement, expected in {(3, 3): 200, (1, 9): 100, (5, 5): 100}.items():
-        assert abs(grids.count(arrangement) - expected) < 4 * np.sqrt(expected)
-    again = random_views(lambda step: whole, **options)
-    assert [again(step).views.shape[1:3] for step in (7, 3)] == [grids[7], grids[3]]
-
-
-def test_no_selection_of_views_is_refused():
-    with pytest.raises(InputError, match="selections"):
-        random_views(numbered(1), {}, seed=0)
+@pytest.mark.usefixtures("generator")
+def test_more_light_fields_than_the_memory_holds_are_refused():
+    with pytest.raises(InputError, match=r"to keep take \d+ GB, more than the memory"):
+        kept_source(CONFIG, 10**13, 2, seed=0)(0)

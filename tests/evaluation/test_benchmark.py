@@ -1,4 +1,4 @@
-"""All measures by name: each looks in its own region, and says what it lacks."""
+"""All measures by name: each uses its own region and reports missing files."""
 
 import json
 
@@ -28,7 +28,7 @@ REGIONS = {
     "high_contrast": ("stripes_dark",),
     "low_contrast": ("stripes_bright",),
 }
-"""Regions in which an error can be told, and the measures that look there."""
+"""Regions in which an error counts, and the measures that use them."""
 
 SMOOTH = {
     "planes": ("bumpiness_planes", "normals_planes_median", "normals_planes_mean"),
@@ -38,7 +38,7 @@ SMOOTH = {
     "sphere_in": ("pyramids_bumpiness_slanted",),
     "sphere_out": ("pyramids_bumpiness_slanted",),
 }
-"""The same for surfaces."""
+"""The same for measures of smooth surfaces."""
 
 OTHERS = ("foreground", "background", "dots_by_size")
 
@@ -76,7 +76,7 @@ def saved(folder, estimate):
     return path
 
 
-def test_the_truth_is_perfect_in_every_measure(scene):
+def test_ground_truth_is_perfect_in_every_measure(scene):
     folder, truth = scene
     results = folder.parent / "results"
     results.mkdir()
@@ -91,7 +91,7 @@ def test_the_truth_is_perfect_in_every_measure(scene):
 
 
 @pytest.mark.parametrize("name", REGIONS)
-def test_an_error_in_a_region_is_seen_by_its_measures_alone(scene, name):
+def test_error_in_a_region_affects_its_measures_only(scene, name):
     folder, truth = scene
     sign = -1.0 if "thinning" in name or name == "fine" else 1.0
     estimate = truth + 0.9 * sign * region(name)
@@ -104,7 +104,7 @@ def test_an_error_in_a_region_is_seen_by_its_measures_alone(scene, name):
 
 
 @pytest.mark.parametrize("name", SMOOTH)
-def test_a_bend_in_a_region_is_seen_by_its_measures_alone(scene, name):
+def test_bend_in_a_region_affects_its_measures_only(scene, name):
     folder, truth = scene
     x = np.arange(40.0)
     # Only in the middle row of the five, whose neighbours are of the same region.
@@ -117,7 +117,7 @@ def test_a_bend_in_a_region_is_seen_by_its_measures_alone(scene, name):
     assert seen == {metric for metric in SMOOTH[name] if "median" not in metric}
 
 
-def test_dots_and_what_is_behind_them(scene):
+def test_dots_and_their_background(scene):
     folder, truth = scene
     dots = np.zeros(truth.shape, bool)
     top = 15 + 5 * NAMES.index("dots_by_size")
@@ -134,7 +134,7 @@ def test_dots_and_what_is_behind_them(scene):
     }
 
 
-def test_a_tilt_is_measured_in_degrees(scene):
+def test_tilt_is_measured_in_degrees(scene):
     folder, truth = scene
     # A wall at the focus, tilted by 30 degrees: z = 7 / (1 + tan(30) x / f) has disparity
     # f b (1/z - 1/7) = b tan(30) x / 7, the shift of the camera in the units of x.
@@ -145,7 +145,7 @@ def test_a_tilt_is_measured_in_degrees(scene):
     assert list(scores.values.values()) == pytest.approx([30.0, 30.0], abs=1e-4)
 
 
-def test_what_is_missing_is_listed_by_file(scene):
+def test_missing_files_are_listed(scene):
     folder, truth = scene
     (folder / "mask_planes_lowres.png").unlink()
     (folder / "mask_dots_by_size_lowres.png").unlink()
@@ -156,7 +156,7 @@ def test_what_is_missing_is_listed_by_file(scene):
         "bumpiness_planes": "mask_planes_lowres.png",
         "normals_planes_median": "mask_planes_lowres.png",
         "normals_planes_mean": "mask_planes_lowres.png",
-        "fine_thinning": "a pixel within the border in the mask of fine",
+        "fine_thinning": "a pixel inside the border in the mask of fine",
         "dots_missed": "mask_dots_by_size_lowres.png",
         "dots_background_mse_x100": "mask_dots_by_size_lowres.png",
     }
@@ -173,7 +173,7 @@ def test_what_is_missing_is_listed_by_file(scene):
     }
 
 
-def test_without_calibration_only_the_normals_are_missing(scene):
+def test_without_calibration_only_normals_are_missing(scene):
     folder, truth = scene
     (folder / "parameters.cfg").unlink()
     missing = evaluate_scene(folder, saved(folder, truth)).missing
@@ -181,7 +181,7 @@ def test_without_calibration_only_the_normals_are_missing(scene):
     assert lacking == {name for name in metric_names() if name.startswith("normals")}
 
 
-def test_what_is_asked_for_by_name_must_be_there(scene):
+def test_missing_file_of_a_measure_given_by_name_is_an_error(scene):
     folder, truth = scene
     (folder / "mask_planes_lowres.png").unlink()
     message = (
@@ -192,7 +192,7 @@ def test_what_is_asked_for_by_name_must_be_there(scene):
     assert "\n" not in str(caught.value)
 
 
-def test_badpix_of_any_threshold_can_be_asked_for(scene):
+def test_badpix_accepts_any_threshold(scene):
     folder, truth = scene
     estimate = saved(folder, truth + 0.05)
     scores = evaluate_scene(folder, estimate, names=("badpix_0.06", "badpix_0.04"))
@@ -202,7 +202,7 @@ def test_badpix_of_any_threshold_can_be_asked_for(scene):
 
 
 @pytest.mark.parametrize("name", ["nothing", "badpix_", "badpix_x", "badpix_nan", "", "mask"])
-def test_a_measure_that_does_not_exist_is_refused_with_those_that_do(scene, name):
+def test_unknown_measure_is_refused_with_the_list_of_known_ones(scene, name):
     folder, truth = scene
     with pytest.raises(InputError, match=r"there is no measure .*fine_thinning"):
         evaluate_scene(folder, saved(folder, truth), names=(name,))
@@ -215,12 +215,12 @@ def test_a_measure_that_does_not_exist_is_refused_with_those_that_do(scene, name
         (lambda truth: np.full_like(truth, np.nan), r"mse_x100 of .*estimate.npy .*finite value"),
     ],
 )
-def test_an_estimate_that_cannot_be_compared_is_named(scene, change, message):
+def test_estimate_that_does_not_fit_is_named(scene, change, message):
     folder, truth = scene
     with pytest.raises(InputError, match=message):
         evaluate_scene(folder, saved(folder, change(truth)))
 
 
-def test_a_folder_that_is_no_scene_is_named(tmp_path):
+def test_folder_without_ground_truth_is_named(tmp_path):
     with pytest.raises(InputError, match=r"gt_disp_lowres.pfm: there is no such file"):
         evaluate_scene(tmp_path, tmp_path)

@@ -32,7 +32,7 @@ def looped(estimate, truth, thresholds, border, mask=None):
 
 @pytest.mark.parametrize("border", [0, 3, 15])
 @pytest.mark.parametrize("masked", [False, True])
-def test_measures_follow_their_definitions_pixel_by_pixel(maps, border, masked):
+def test_measures_match_their_definitions_pixel_by_pixel(maps, border, masked):
     thresholds = (0.1, 0.02)
     mask = np.random.default_rng(1).random(maps[1].shape) < 0.6 if masked else None
     expected = looped(*maps, thresholds, border, mask)
@@ -52,7 +52,7 @@ def test_single_measures_agree_with_their_definitions(maps):
     assert 100.0 * q25(*maps) == pytest.approx(expected["q25_x100"], rel=1e-12)
 
 
-def test_an_error_equal_to_the_threshold_is_not_bad():
+def test_error_equal_to_the_threshold_is_not_bad():
     truth = np.zeros((1, 4))
     estimate = np.array([[0.25, -0.25, 0.2500001, -0.5]])
     assert bad_pix(estimate, truth, 0.25, border=0) == 50.0
@@ -74,7 +74,7 @@ def test_errors_in_the_border_do_not_count():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_pixel_without_an_estimate_is_bad_and_in_no_mean(value):
+def test_pixel_without_an_estimate_is_bad_and_not_in_the_means(value):
     truth = np.zeros((2, 4))
     estimate = np.array([[0.1, 0.1, 0.1, value], [0.3, 0.1, 0.1, 0.1]])
     metrics = evaluate(estimate, truth, border=0, thresholds=(0.2, 100.0))
@@ -86,7 +86,7 @@ def test_a_pixel_without_an_estimate_is_bad_and_in_no_mean(value):
     assert "missing" in metrics.table()
 
 
-def test_a_pixel_without_ground_truth_is_left_out():
+def test_pixel_without_ground_truth_is_left_out():
     truth = np.array([[0.0, np.nan, np.inf, 0.0]])
     metrics = evaluate(np.array([[1.0, 5.0, 5.0, 1.0]]), truth, border=0)
     assert (metrics.pixels, metrics.missing, metrics.mse_x100) == (2, 0, 100.0)
@@ -102,7 +102,7 @@ def test_a_pixel_without_ground_truth_is_left_out():
         ({"estimate": np.zeros((40, 40, 1))}, r"estimate is \[40, 40, 1\]"),
         ({"ground_truth": np.zeros((1, 40, 40))}, r"ground truth must be one disparity map"),
         ({"mask": np.ones((40, 39), bool)}, r"mask is \[40, 39\]"),
-        ({"border": 20}, "nothing inside a border of 20"),
+        ({"border": 20}, "no pixel inside a border of 20"),
         ({"border": -1}, "border is -1"),
         ({"thresholds": (0.07, -0.1)}, "threshold is -0.1"),
         ({"thresholds": (0.07, np.nan)}, "threshold is nan"),
@@ -113,7 +113,7 @@ def test_a_pixel_without_ground_truth_is_left_out():
         ({"estimate": np.full((40, 40), np.nan)}, "no finite value"),
     ],
 )
-def test_maps_that_cannot_be_compared_are_refused_in_one_line(arguments, message):
+def test_maps_that_do_not_fit_are_refused_in_one_line(arguments, message):
     maps = {"estimate": np.zeros((40, 40)), "ground_truth": np.zeros((40, 40))}
     with pytest.raises(InputError, match=message) as caught:
         evaluate(**(maps | arguments))

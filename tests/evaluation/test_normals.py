@@ -88,5 +88,5 @@ def test_maps_that_cannot_be_compared_are_refused():
     truth = plane(tilted(0.0, 0.0))
     with pytest.raises(InputError, match="same scene and resolution"):
         angular_errors(truth[1:], truth, CAMERA)
-    with pytest.raises(InputError, match="2 pixels in each direction"):
+    with pytest.raises(InputError, match="at least 2 pixels in each direction"):
         angular_errors(np.zeros((1, 9)), np.zeros((1, 9)), CAMERA, border=0)

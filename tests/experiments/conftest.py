@@ -1,21 +1,24 @@
-"""Scripts called as a user calls them."""
+"""Scripts called from the command line."""
 
 import sys
 
 import pytest
 
-from experiments.command_line import main
+from experiments.command_line import SMOKE_TEST, main
 
 
 @pytest.fixture
 def script(monkeypatch, capsys):
-    """Run a script; returns exit code, standard output and standard error."""
+    """Return a function that runs a script and returns exit code, standard output and error.
+
+    The notice of a smoke test is removed from standard error.
+    """
 
     def run(command, *arguments):
         monkeypatch.setattr(sys, "argv", ["script", *map(str, arguments)])
         with pytest.raises(SystemExit) as stopped:
             main(command, None)
         printed = capsys.readouterr()
-        return stopped.value.code, printed.out, printed.err
+        return stopped.value.code, printed.out, printed.err.replace(f"{SMOKE_TEST}\n", "")
 
     return run

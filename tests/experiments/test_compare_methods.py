@@ -1,4 +1,4 @@
-"""Two estimates of a small scene whose scores are known."""
+"""Two estimates of a small scene with known scores."""
 
 import imageio.v3 as imageio
 import numpy as np
@@ -11,7 +11,7 @@ from occjax.io import write_pfm
 
 @pytest.fixture
 def files(tmp_path):
-    """A scene, a perfect estimate and one that is wrong in half of the discontinuities."""
+    """Scene, a perfect estimate, and one that is wrong in half of the discontinuities."""
     scene = tmp_path / "small"
     scene.mkdir()
     truth = np.zeros((40, 40), np.float32)
@@ -25,7 +25,7 @@ def files(tmp_path):
     return scene, (f"wrong={tmp_path / 'wrong.pfm'}", f"perfect={tmp_path / 'perfect.pfm'}")
 
 
-def test_the_table_and_the_pictures_are_written(files, tmp_path, capsys):
+def test_table_and_figures_are_written(files, tmp_path, capsys):
     scene, estimates = files
     scores = compare_methods.run(scene, estimates, output=tmp_path / "out")
     assert scores["wrong"].values["discontinuities"] == 50.0
@@ -41,17 +41,17 @@ def test_the_table_and_the_pictures_are_written(files, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("estimate", ["a", "a=", "=a.pfm", "a/b=c.pfm"])
-def test_an_estimate_needs_a_name_that_fits_a_file(estimate):
+def test_estimate_needs_a_name_valid_in_a_file_name(estimate):
     with pytest.raises(InputError, match="is not NAME=ESTIMATE"):
-        compare_methods.named((estimate,))
+        compare_methods.parse_named((estimate,))
 
 
-def test_names_are_given_once():
+def test_repeated_name_is_rejected():
     with pytest.raises(InputError, match="two estimates"):
-        compare_methods.named(("a=b.pfm", "a=c.pfm"))
+        compare_methods.parse_named(("a=b.pfm", "a=c.pfm"))
 
 
-def test_the_small_form_has_the_scores_that_are_known(script, tmp_path):
+def test_smoke_test_has_the_known_scores(script, tmp_path):
     code, out, err = script(compare_methods.run, "--small", "-o", tmp_path)
     assert (code, err) == (0, "")
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -72,9 +72,9 @@ def test_the_small_form_has_the_scores_that_are_known(script, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ((), "or try with --small"),
-        (("scene",), "one NAME=ESTIMATE or more"),
-        (("scene", "a=a.pfm", "--small"), "leave out the scene"),
+        ((), "or pass --small alone"),
+        (("scene",), "one or more NAME=ESTIMATE"),
+        (("scene", "a=a.pfm", "--small"), "remove the scene"),
         (("scene", "a.pfm"), "is not NAME=ESTIMATE"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Points, deviations and panels on scenes made by hand; the small form writes every picture."""
+"""Points, deviations and panels of constructed scenes, and a smoke test of all figures."""
 
 import imageio.v3 as imageio
 import jax
@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgb
 
 from experiments import figures
 from experiments.angular_patches import angular_patches, choose_points, deviation
-from experiments.cut_outs import cut_out
+from experiments.cut_outs import cut_out, small_sample
 from experiments.figure_panels import FRAME, Panel, frame_lines, panel_figure
 from experiments.light_field_picture import busiest_square, light_field_figure, tiled
 from experiments.map_panels import (
@@ -22,8 +22,9 @@ from experiments.map_panels import (
 )
 from experiments.networks import small_form
 from experiments.real_scenes import named_estimator
-from occjax.data.sample import sample
+from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
+from occjax.estimators import run_estimator
 from occjax.io import write_pfm
 from occjax.lightfield import LightField
 from occjax.models import preset, save_weights, variable_shapes
@@ -35,7 +36,7 @@ NEAR, FAR = 2.0, 0.0
 
 @pytest.fixture(scope="module")
 def curtain():
-    """A white half of the image two pixels a step in front of a textured wall without disparity."""
+    """White half of the image with disparity 2 before a textured wall with disparity 0."""
     size, edge = (40, 48), 20
     columns = np.arange(size[1])
     rows = np.arange(size[0])[:, None]
@@ -47,10 +48,10 @@ def curtain():
     return LightField(views, name="curtain", ground_truth=truth)
 
 
-def test_deviations_are_those_of_what_the_views_see(curtain):
+def test_deviations_match_the_visible_views(curtain):
     patches = angular_patches(curtain, curtain.ground_truth)
     y, wall = 20, float(curtain.centre[20, 20, 0])
-    # Right beside the curtain (column 20), it covers the two left columns of views: 10 of 25.
+    # At column 20 the curtain occludes the point in the two left columns of views: 10 of 25.
     share = 10 / 25
     plain = (1.0 - wall) * np.sqrt(share * (1 - share))
     assert patches.deviation[y, 20] == pytest.approx(plain, rel=1e-5)
@@ -63,7 +64,7 @@ def test_deviations_are_those_of_what_the_views_see(curtain):
     assert patches.occlusion[:, 2:, y, 20].max() == 0.0
 
 
-def test_points_are_beside_and_far_from_the_curtain(curtain):
+def test_points_are_near_and_far_from_the_curtain(curtain):
     patches = angular_patches(curtain, curtain.ground_truth)
     clear, occluded = choose_points(curtain.ground_truth, curtain.centre[..., 0], patches)
     assert 20 <= occluded[1] < 24
@@ -78,7 +79,7 @@ def test_without_depth_steps_there_are_no_points():
         choose_points(light_field.ground_truth, light_field.grey()[1, 1], patches)
 
 
-def test_deviation_is_that_of_the_weighted_sample():
+def test_weighted_deviation_matches_repeated_samples():
     generator = np.random.default_rng(0)
     grey, counts = generator.uniform(size=(2, 3)), generator.integers(1, 4, (2, 3))
     repeated = np.repeat(grey.ravel(), counts.ravel())
@@ -86,7 +87,7 @@ def test_deviation_is_that_of_the_weighted_sample():
     assert deviation(grey) == pytest.approx(np.std(grey))
 
 
-def test_badpix_tells_bad_good_unknown_and_missing_apart():
+def test_badpix_map_has_a_colour_for_each_kind_of_pixel():
     disparity = np.array([[0.08, 0.06, -0.08, np.nan, 0.0, np.nan]])
     truth = np.array([[0.0, 0.0, 0.0, 0.0, np.nan, np.nan]])
     picture = badpix_picture(disparity, truth, 0.07)[0]
@@ -102,38 +103,40 @@ def test_badpix_tells_bad_good_unknown_and_missing_apart():
     np.testing.assert_allclose(picture, expected)
 
 
-def test_panels_stand_beside_each_other_pixel_for_pixel(tmp_path):
+def test_panels_are_next_to_each_other_pixel_by_pixel(tmp_path):
     red, blue = np.tile([1.0, 0.0, 0.0], (30, 20, 1)), np.tile([0.0, 0.0, 1.0], (10, 40, 1))
     rows = [[Panel("a", red, 2), Panel("b", blue, 3)], [Panel("c", blue)]]
-    save(panel_figure(rows, "note", beside=Panel("d", red, 5)), tmp_path / "p.png")
+    save(panel_figure(rows, "note", left_panel=Panel("d", red, 5)), tmp_path / "p.png")
     picture = imageio.imread(tmp_path / "p.png")[..., :3]
     is_red, is_blue = (picture == [255, 0, 0]).all(-1), (picture == [0, 0, 255]).all(-1)
     assert is_red.sum() == 30 * 20 * (4 + 25)
-    assert is_red.any(0).argmax() < is_blue.any(0).argmax()  # d is on the left of all
+    assert is_red.any(0).argmax() < is_blue.any(0).argmax()  # d is to the left of all
     assert is_blue.sum() == 10 * 40 * (9 + 1)
 
 
-def test_views_are_averaged_and_kept_apart():
+def test_views_are_averaged_with_gaps_between_them():
     views = np.zeros((1, 2, 2, 4, 1), np.uint8)
     views[0, 1, 0, :2] = 255
     tiles = tiled(views, 2)[..., 0]
     np.testing.assert_allclose(tiles, [[0.0, 0.0, 1.0, 1.0, 0.5, 0.0]])
 
 
-def test_the_small_form_draws_all_that_light_has(script, tmp_path):
+@pytest.mark.slow
+def test_smoke_test_draws_all_figures_of_the_proposal_network(script, tmp_path):
     code, out, err = script(figures.run, "--small", "-o", tmp_path / "out")
     assert (code, err) == (0, "")
-    assert "occlusion.png is left out: light has no occlusion maps" in out
+    assert "occlusion.png is omitted: proposal has no occlusion maps" in out
     names = {path.name for path in (tmp_path / "out").iterdir()}
     drawn = ("angular_patches", "light_field", "methods", "occlusion_maps", "stages")
     assert names == {f"{name}.png" for name in drawn}
 
 
-def test_a_network_is_drawn_without_its_maps_and_methods_side_by_side(script, tmp_path):
+@pytest.mark.slow
+def test_network_of_the_paper_is_compared_without_its_occlusion_maps(script, tmp_path):
     config = small_form(preset("occcasnet"))
     variables = jax.tree.map(lambda leaf: np.full(leaf.shape, 0.02), variable_shapes(config))
     save_weights(tmp_path / "tiny.safetensors", variables, config)
-    truth = cut_out(sample(), figures.SMALL).ground_truth
+    truth = small_sample().ground_truth
     write_pfm(tmp_path / "shifted.pfm", truth + np.float32(0.1))
     arguments = ("--estimator", tmp_path / "tiny.safetensors", "--points", 30, 30, 40, 40)
     code, out, err = script(
@@ -146,20 +149,22 @@ def test_a_network_is_drawn_without_its_maps_and_methods_side_by_side(script, tm
         f"S={tmp_path / 'shifted.pfm'}",
     )
     assert (code, err) == (0, "")
-    assert "left out" not in out
+    assert "omitted" not in out
     assert {path.stem for path in (tmp_path / "out").iterdir()} == {
         *("angular_patches", "light_field", "methods", "occlusion", "occlusion_maps", "stages")
     }
-    other = figures.without_maps(str(tmp_path / "tiny.safetensors"), cut_out(sample(), 32), None)
-    assert other.occlusion is None
+    without = figures.without_occlusion(named_estimator(str(tmp_path / "tiny.safetensors")))
+    assert run_estimator(without, small_sample(32)).occlusion is None
 
 
+@pytest.mark.slow
 def test_every_stage_of_a_cascade_is_drawn(tmp_path):
-    """Residuals of the last three stages are at most 1/2, 1/4 and 1/8, so that tells them apart."""
+    """Stages are identified by their largest residuals, 1/2, 1/4 and 1/8."""
     config = small_form(preset("cas_4"))
     variables = jax.tree.map(lambda leaf: np.full(leaf.shape, 0.02), variable_shapes(config))
     save_weights(tmp_path / "four.safetensors", variables, config)
-    estimate = named_estimator(str(tmp_path / "four.safetensors"))(cut_out(sample(), 32))
+    estimator = named_estimator(str(tmp_path / "four.safetensors"))
+    estimate = run_estimator(estimator, small_sample(32))
     stages = figures.named_stages(estimate, "four")
     assert list(stages) == ["first stage", "stage 2", "stage 3", "last stage"]
     maps = list(stages.values())
@@ -169,7 +174,7 @@ def test_every_stage_of_a_cascade_is_drawn(tmp_path):
         assert 0 < np.abs(after - before).max() <= reach + 1e-5
 
 
-def test_the_corner_has_the_scores():
+def test_score_lines_have_badpix_and_mse():
     truth = np.zeros((40, 40))
     lines = score_lines({"a": truth + 0.05}, truth)["a"]
     assert [words for words, _ in lines] == [
@@ -178,7 +183,7 @@ def test_the_corner_has_the_scores():
     assert score_lines({"a": truth}, np.full((40, 40), np.nan)) == {"a": []}
 
 
-def test_the_best_scores_are_red_and_the_second_best_blue():
+def test_best_scores_are_red_and_second_best_blue():
     truth = np.zeros((40, 40))
     maps = {"worst": truth + 0.2, "best": truth + 0.01, "second": truth + 0.1}
     colours = {
@@ -186,7 +191,7 @@ def test_the_best_scores_are_red_and_the_second_best_blue():
         for name, lines in score_lines(maps, truth, rank=True).items()
     }
     assert colours["best"] == [BEST] * 3
-    # All but the best have the same percentages.
+    # The others have equal percentages.
     assert colours["second"] == [SECOND] * 3
     assert colours["worst"][:2] == [SECOND] * 2
     assert colours["worst"][2] not in (BEST, SECOND)
@@ -196,7 +201,7 @@ def test_the_best_scores_are_red_and_the_second_best_blue():
     assert not {BEST, SECOND} & {colour for lines in plain.values() for _, colour in lines}
 
 
-def test_a_frame_goes_around_what_is_set():
+def test_frame_surrounds_true_pixels():
     framed = np.zeros((3, 4), bool)
     framed[1, 1:3] = True
     lines = {tuple(map(tuple, line)) for line in frame_lines(framed).tolist()}
@@ -207,13 +212,13 @@ def test_a_frame_goes_around_what_is_set():
     }
 
 
-def test_a_frame_is_drawn_around_the_macro_pixels(curtain, tmp_path):
+def test_frame_is_drawn_around_the_macro_pixels(curtain, tmp_path):
     save(light_field_figure(curtain), tmp_path / "p.png")
     picture = imageio.imread(tmp_path / "p.png")[..., :3] / 255.0
     assert (np.abs(picture - to_rgb(FRAME)).max(-1) < 0.01).sum() > 100
 
 
-def test_the_square_with_most_texture_is_found():
+def test_square_with_most_texture_is_found():
     generator = np.random.default_rng(0)
     grey = np.full((30, 40), 0.5)
     grey[11:18, 21:28] = generator.uniform(size=(7, 7))
@@ -223,17 +228,18 @@ def test_the_square_with_most_texture_is_found():
     assert set(range(21, 28)) <= set(range(columns.start, columns.stop))
 
 
-def test_colours_reach_over_all_maps_that_have_no_truth(tmp_path):
+def test_colour_range_without_ground_truth_includes_all_maps(tmp_path):
     light_field = LightField(np.zeros((1, 1, 8, 8, 1), np.uint8))
     maps = {"low": np.zeros((8, 8)), "high": np.ones((8, 8))}
     save(maps_figure(light_field, maps, binary=True), tmp_path / "p.png")
     picture = imageio.imread(tmp_path / "p.png")[..., :3]
-    # The ends of viridis: its first and its last colour.
+    # First and last colour of viridis.
     for colour in ([68, 1, 84], [253, 231, 36]):
         assert (picture == colour).all(-1).sum() > 500 * 500
 
 
-def test_a_scene_without_ground_truth_is_drawn(script, tmp_path):
+@pytest.mark.slow
+def test_scene_without_ground_truth_is_drawn(script, tmp_path):
     part = cut_out(sample().central(3, 3), 48, (128, 64))
     np.save(tmp_path / "scene.npy", part.views)
     write_pfm(tmp_path / "a.pfm", np.zeros(part.image_size, np.float32))
@@ -243,7 +249,7 @@ def test_a_scene_without_ground_truth_is_drawn(script, tmp_path):
         *("--compare", f"a={tmp_path / 'a.pfm'}"),
     )
     assert (code, err) == (0, "")
-    assert "compared by eye alone" in out
+    assert "there is no ground truth" in out
     assert {path.stem for path in (tmp_path / "out").iterdir()} == {
         *("angular_patches", "light_field", "methods", "occlusion_maps", "stages")
     }
@@ -253,12 +259,11 @@ def test_a_scene_without_ground_truth_is_drawn(script, tmp_path):
     ("arguments", "says"),
     [
         (("-o", "out"), "name one scene"),
-        (("scene", "--small", "-o", "out"), "brings its own"),
+        (("scene", "--small", "-o", "out"), "pass --small alone"),
         (("--small", "-o", "file"), "file"),
         (("absent", "-o", "out"), "absent: there is no such"),
-        (("--small", "-o", "out", "--estimator", "best"), "best: there is no such file"),
-        (("--small", "-o", "out", "--without", "light"), "--without is light, as --estimator"),
-        (("--small", "-o", "out", "--disparity-range", "2", "1"), "2"),
+        (("--small", "-o", "out", "--estimator", "best"), "best: is neither a file"),
+        (("--small", "-o", "out", "--disparity-range", "2", "1"), "minimum < maximum"),
         (("--small", "-o", "out", "--compare", "a.pfm"), "a.pfm: is not NAME=ESTIMATE"),
         (("--small", "-o", "out", "--compare", "A=a.pfm"), "a.pfm"),
         (("--small", "-o", "out", "--compare", "A=wrong.pfm"), "wrong.pfm: is [3, 4], the views"),

@@ -1,12 +1,15 @@
-"""The small form of the experiment shows what the experiment claims."""
+"""Smoke test of the robustness experiment, which must show its main effects."""
+
+import pytest
 
 from experiments import photometric_robustness
 
 
-def test_views_noise_and_exposure_matter_as_claimed(capsys, monkeypatch):
+@pytest.mark.slow
+def test_noise_increases_the_error_and_exposure_does_not(capsys, monkeypatch):
     monkeypatch.setattr(photometric_robustness, "GRIDS", ((9, 9), (3, 3)))
-    monkeypatch.setattr(photometric_robustness, "NOISE", (16.0,))
-    monkeypatch.setattr(photometric_robustness, "EXPOSURES", (16,))
+    monkeypatch.setattr(photometric_robustness, "NOISE_LEVELS", (16.0,))
+    monkeypatch.setattr(photometric_robustness, "EXPOSURE_DIVISORS", (16,))
     results = photometric_robustness.run(small=True)
     bad = {name: metrics.badpix[0.07] for name, metrics in results.items()}
     assert bad["noise 16/255"] > bad["9x9 views"]

@@ -1,4 +1,4 @@
-"""The small form makes a sheet; what is on it is where and in the colours that it says."""
+"""Smoke test of the contact sheet, its text and its colours."""
 
 from functools import partial
 
@@ -9,28 +9,29 @@ import pytest
 from experiments import real_scenes
 from experiments.cut_outs import cut_out
 from experiments.real_scenes import Band, Outcome, sheet
-from occjax.viz.colour import disparity_colours
+from occjax.viz import save
+from occjax.viz.colour import confidence_colours, disparity_colours
 from tests.scenes import plane
 
 
 @pytest.fixture
 def run(script):
-    """Run the script; returns exit code, standard output and standard error."""
+    """Return a function that runs the script."""
     return partial(script, real_scenes.run)
 
 
 def pixels(figure, tmp_path):
-    """``[H, W, 3]`` the figure as it is written."""
-    real_scenes.save(figure, tmp_path / "sheet.png")
+    """Return the pixels ``[H, W, 3]`` of the saved figure."""
+    save(figure, tmp_path / "sheet.png")
     return imageio.imread(tmp_path / "sheet.png")[..., :3].astype(int)
 
 
 def count(picture, colour, tolerance=2):
-    """Number of pixels of about this colour."""
+    """Count the pixels of a colour."""
     return int((np.abs(picture - np.asarray(colour)) <= tolerance).all(-1).sum())
 
 
-def test_estimators_share_the_colours_of_their_disparities(tmp_path):
+def test_disparities_of_all_estimators_have_common_colours(tmp_path):
     certain = np.ones((40, 40))
     centre = np.broadcast_to(np.array([250, 20, 90], np.uint8), (40, 40, 3))
     outcomes = (
@@ -38,35 +39,30 @@ def test_estimators_share_the_colours_of_their_disparities(tmp_path):
         Outcome("ramp", np.tile(np.linspace(-1.0, 0.9, 40), (40, 1)), certain, 20.0),
     )
     figure = sheet([Band("lab: 3x3 views", centre, outcomes)], "A note.")
-    words = [text.get_text() for text in figure.texts]
-    assert words == [
-        "lab: 3x3 views",
-        "centre view",
-        "near: 1.3 s",
-        "near: confidence",
-        "ramp: 20.0 s",
-        "ramp: confidence",
-        "A note.",
-    ]
+    titles = ["lab: 3x3 views", "near: 1.3 s", "ramp: 20.0 s"]
+    titles += ["", "near: confidence", "ramp: confidence", "A note."]
+    assert [text.get_text() for text in figure.texts] == titles
     picture = pixels(figure, tmp_path)
     panel = (8 * 40) ** 2
     assert count(picture, [250, 20, 90]) == panel
-    # A constant map's own scale is half a pixel to each side, so the common one is [-1, 1.5].
+    # The range of a constant map extends half a pixel to each side: the common range is [-1, 1.5].
     colours = disparity_colours()
     assert count(picture, np.array(colours(2.0 / 2.5)[:3]) * 255) >= panel
-    # Both confidences are one, whose colour is not that of any disparity.
-    assert count(picture, np.array(real_scenes.confidence_colours()(1.0)[:3]) * 255) >= 2 * panel
+    # Both confidences are one, a colour that no disparity has.
+    assert count(picture, np.array(confidence_colours()(1.0)[:3]) * 255) >= 2 * panel
 
 
-def test_a_failure_is_on_the_sheet_beside_what_went_well():
+def test_failures_are_on_the_sheet():
     values = np.zeros((20, 30))
-    outcomes = (Outcome("runs/with/a/name/of/many/letters/in/it", values, values, 1.0),)
+    outcomes = (Outcome("runs/with/a/name/of/many/letters/in/it" * 2, values, values, 1.0),)
     outcomes += (Outcome("b", failure="has 5x5 views, the network takes 9x9"),)
-    figure = sheet([Band("scene", np.zeros((20, 30, 1)), outcomes)] * 2, "A $note$.")
-    words = [text.get_text().replace("\n", " ") for text in figure.texts]
-    assert words.count("b: failed") == 2
-    assert words.count("has 5x5 views, the network takes 9x9") == 2
-    (name,) = {word for word in words if word.endswith(": 1.0 s")}
+    centre = np.zeros((20, 30, 1), np.uint8)
+    figure = sheet([Band("scene", centre, outcomes)] * 2, "A $note$.")
+    titles = [text.get_text() for text in figure.texts]
+    assert titles.count("b: failed") == 2
+    corners = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert " ".join(corners).count("has 5x5 views, the network takes 9x9") == 2
+    (name,) = {title for title in titles if title.endswith(": 1.0 s")}
     assert name.startswith("...")
     assert "letters/in/it: " in name
     figure.draw_without_rendering()
@@ -74,36 +70,29 @@ def test_a_failure_is_on_the_sheet_beside_what_went_well():
         box = text.get_window_extent()
         assert box.x0 >= 0
         assert box.x1 <= figure.bbox.width
+    alone = sheet([Band("scene", centre, outcomes[1:])], "")
+    assert [text.get_text() for text in alone.texts][:2] == ["scene", "b: failed"]
 
 
-def test_a_scene_that_no_estimator_could_do_is_on_the_sheet():
-    figure = sheet([Band("scene", np.zeros((20, 30, 3)), (Outcome("b", failure="no"),))], "")
-    assert [text.get_text() for text in figure.texts[:4]] == [
-        "scene",
-        "centre view",
-        "b: failed",
-        "no",
-    ]
-
-
-def test_large_views_are_shown_smaller():
+def test_large_views_are_subsampled():
     values = np.zeros((100, 1500))
     views = np.zeros((100, 1500, 3), np.uint8)
     figure = sheet([Band("scene", views, (Outcome("a", values, values),))], "")
     shapes = [axes.images[0].get_array().shape[:2] for axes in figure.axes if axes.images]
-    assert shapes == [(34, 500)] * 3
+    assert shapes[:2] == [(34, 500)] * 2
 
 
-def test_the_small_form_writes_a_sheet(run, tmp_path):
+def test_smoke_test_writes_a_sheet(run, tmp_path):
     code, out, err = run("--small", "-o", tmp_path / "s.png", "--estimators", "photometric")
     assert (code, err) == (0, "")
-    assert "sample: photometric, disparity searched in [-1.55, 1.54], compile" in out
+    assert "sample: photometric, disparity searched in [" in out
     height, width = imageio.imread(tmp_path / "s.png").shape[:2]
     assert width > 2 * 320
     assert height > 2 * 320
 
 
-def test_one_bad_scene_does_not_stop_the_others(run, tmp_path):
+@pytest.mark.slow
+def test_unreadable_scene_does_not_stop_the_others(run, tmp_path):
     scene = plane(grid=(3, 3), size=(32, 40), disparity=0.5)
     np.save(tmp_path / "scene.npy", scene.views)
     arguments = ("--disparity-range", 0, 1, "--estimators", "photometric")
@@ -117,7 +106,7 @@ def test_one_bad_scene_does_not_stop_the_others(run, tmp_path):
     assert (tmp_path / "s.png").is_file()
 
 
-def test_a_cut_out_keeps_what_belongs_together():
+def test_cut_out_keeps_views_and_ground_truth_aligned():
     whole = plane(size=(40, 48), slope=(0.01, 0.02))
     part = cut_out(whole, 16, (3, 5))
     np.testing.assert_array_equal(part.views[1, 2, 0, 0], whole.views[1, 2, 3, 5])
@@ -129,13 +118,12 @@ def test_a_cut_out_keeps_what_belongs_together():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("-o", "s.png"), "name one scene or more"),
-        (("scene", "--small", "-o", "s.png"), "brings its own"),
+        (("-o", "s.png"), "name one or more scenes"),
+        (("scene", "--small", "-o", "s.png"), "pass --small alone"),
         (("--small", "-o", "s.jpg"), "ends with .png"),
-        (("--small", "-o", "s.png", "--estimators"), "name an estimator: one of photometric"),
-        (("--small", "-o", "s.png", "--estimators", "best"), "best: there is no such file"),
+        (("--small", "-o", "s.png", "--estimators"), "name an estimator: one of proposal"),
+        (("--small", "-o", "s.png", "--estimators", "best"), "best: is neither a file"),
         (("--small", "-o", "s.png", "--estimators", "occcasnet"), "needs weights"),
-        (("--small", "-o", "s.png", "--disparity-range", "2", "1"), "minimum < maximum"),
         (("absent", "-o", "s.png", "--estimators", "photometric"), "absent: there is no such"),
         (("--small", "-o", "file/s.png", "--estimators", "photometric"), "it is a file"),
     ],

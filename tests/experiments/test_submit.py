@@ -1,4 +1,4 @@
-"""The small form makes a whole submission; what is missing is told before anything is estimated."""
+"""Smoke test of submissions; missing input is reported before any estimate."""
 
 import zipfile
 from functools import partial
@@ -7,27 +7,27 @@ import numpy as np
 import pytest
 
 from experiments import submit
-from occjax.data.sample import sample
-from occjax.io import read_pfm, write_submission
-from occjax.io.submission import SCENES
+from experiments.submission import SCENES, write_submission
+from occjax.data.bundled_sample import sample
+from occjax.io import read_pfm
 from tests.io.files import save_views
 
 
 @pytest.fixture
 def run(script):
-    """Run the script; returns exit code, standard output and standard error."""
+    """Return a function that runs the script."""
     return partial(script, submit.COMMANDS)
 
 
 TRIAL = ("--small", "--model", "photometric")
 
 
-def test_the_small_form_makes_a_whole_submission_and_goes_on_where_it_stopped(run, tmp_path):
+def test_smoke_test_makes_a_submission_and_resumes(run, tmp_path):
     file = tmp_path / "one.zip"
     code, out, err = run("make", *TRIAL, "-o", file, "--scenes", "dino")
     assert (code, err) == (0, "")
-    assert "1 scenes of 64x64 pixels, no full submission" in out
-    # The sample's third row, third column of squares, which is dino's.
+    assert "1 scenes of 64x64 pixels, an incomplete submission" in out
+    # dino is the square in the sample's second row and third column.
     error = read_pfm(tmp_path / "one/disp_maps/dino.pfm") - sample().ground_truth[64:128, 128:192]
     assert np.median(np.abs(error)) < 0.05
     kept = tmp_path / "one/runtimes/dino.txt"
@@ -49,17 +49,17 @@ def test_the_small_form_makes_a_whole_submission_and_goes_on_where_it_stopped(ru
     assert "dino.txt: reads 'soon'" in err
 
 
-def test_a_faultless_submission_is_fine(run, tmp_path):
+def test_valid_submission_has_no_faults(run, tmp_path):
     maps = dict.fromkeys(SCENES, np.zeros((512, 512), np.float32))
     write_submission(tmp_path / "one.zip", maps, dict.fromkeys(SCENES, 1.0))
     code, out, err = run("validate", tmp_path / "one.zip")
     assert (code, err) == (0, "")
-    assert out.startswith(f"{tmp_path / 'one.zip'}: fine, 12 disparity maps of 512x512 pixels")
+    assert out.startswith(f"{tmp_path / 'one.zip'}: valid, 12 disparity maps of 512x512 pixels")
 
 
 @pytest.fixture
 def benchmark(tmp_path):
-    """Scenes as the archives unpack, with one view in two colours at the benchmark's size."""
+    """Folder of unpacked scenes with black views of the benchmark's size."""
     views = np.zeros((9, 9, 512, 512, 3), np.uint8)
     folder = save_views(tmp_path / "hci/training/cotton", views[:1, :1], lambda v, u: "0.png")
     for number in range(81):
@@ -71,15 +71,15 @@ def benchmark(tmp_path):
 @pytest.mark.parametrize(
     ("scenes", "broken", "says"),
     [
-        (("cotton", "dots", "dino"), None, "has no folder of dots, dino"),
+        (("cotton", "dots", "dino"), None, "has no folder dots, dino"),
         (("cotton", "herbs"), None, "herbs: input_Cam000.png is missing, and 80 other views"),
         (("cotton",), "input_Cam057.png", "cotton: input_Cam057.png is missing; unpack"),
     ],
 )
-def test_what_is_missing_is_told_before_anything_is_estimated(
+def test_missing_input_is_reported_before_any_estimate(
     run, benchmark, tmp_path, monkeypatch, scenes, broken, says
 ):
-    monkeypatch.setattr(submit, "Estimator", None)  # estimating would fail
+    monkeypatch.setattr(submit, "run_estimator", None)  # estimating would fail
     if broken:
         (benchmark / "training/cotton" / broken).unlink()
     code, _, err = run("make", benchmark, "-o", tmp_path / "one.zip", "--scenes", *scenes)
@@ -88,9 +88,7 @@ def test_what_is_missing_is_told_before_anything_is_estimated(
     assert not (tmp_path / "one").exists()
 
 
-def test_views_of_another_size_and_scenes_that_are_there_twice_are_refused(
-    run, benchmark, tmp_path
-):
+def test_views_of_another_size_and_repeated_scenes_are_rejected(run, benchmark, tmp_path):
     save_views(tmp_path / "hci/test/herbs", np.zeros((9, 9, 16, 16, 3), np.uint8), nine_by_nine)
     arguments = ("make", benchmark, "-o", tmp_path / "one.zip", "--scenes")
     assert "is 16x16 pixels, not 512x512" in run(*arguments, "herbs")[2]
@@ -106,13 +104,16 @@ def nine_by_nine(v, u):
     ("arguments", "says"),
     [
         (("make", "-o", "one.zip"), "name the folder"),
-        (("make", "nowhere", "-o", "one.zip"), "nowhere: there is no such folder"),
+        (("make", "nowhere", "-o", "one.zip"), "nowhere: is not a folder"),
         (("make", "--small", "-o", "one"), "ends with .zip"),
-        (("make", "--small", "-o", "one.zip", "--scenes", "coton"), "'coton' is no scene"),
+        (
+            ("make", "--small", "-o", "one.zip", "--scenes", "coton"),
+            "'coton' is not a benchmark scene",
+        ),
         (("make", "--small", "-o", "one.zip", "--scenes", "dots", "dots"), "named twice"),
-        (("make", "--small", "-o", "one.zip", "--scenes"), "name some scenes"),
+        (("make", "--small", "-o", "one.zip", "--scenes"), "--scenes has no names"),
         (("make", "--small", "-o", "one.zip", "--model", "occcasnet"), "needs weights"),
-        (("make", *TRIAL, "-o", "mine.zip"), "mine: is there already, with other things"),
+        (("make", *TRIAL, "-o", "mine.zip"), "mine: exists with other content"),
         (("make", *TRIAL, "-o", "made.zip"), "made: was made with another model"),
         (("validate", "nowhere.zip"), "nowhere.zip: there is no such file"),
     ],

@@ -1,4 +1,4 @@
-"""The small form trains, resumes and is scored; scenes and masks that are missing are named."""
+"""Smoke test of the HCI training, averaged crops, and errors about scenes and masks."""
 
 import dataclasses
 
@@ -7,23 +7,24 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import hci_masks, train_hci
+from experiments import hci_scenes, train_hci
 from experiments.train_hci import ADDITIONAL, VALIDATION
-from occjax.data.samples import Sample
+from occjax.data.samples import LightFieldSample
 from occjax.data.scenes import GROUND_TRUTH, Scene
 from occjax.errors import InputError
 from occjax.training import read_log
 
 
 def folders(hci, names=(*ADDITIONAL, *VALIDATION)):
-    """Empty scenes, all that a look at the folder can tell."""
+    """Create folders of scenes with empty ground truth."""
     for name in names:
         (hci / "archive" / name).mkdir(parents=True)
         (hci / "archive" / name / GROUND_TRUTH).touch()
     return {name: hci / "archive" / name for name in names}
 
 
-def test_the_small_form_trains_and_goes_on(tmp_path, capsys):
+@pytest.mark.slow
+def test_smoke_test_trains_and_resumes(tmp_path, capsys):
     scores = train_hci.run(output=tmp_path, small=True)
     log = read_log(tmp_path / "training")
     validated = [entry for entry in log if entry["kind"] == "validation"]
@@ -46,19 +47,19 @@ def test_the_small_form_trains_and_goes_on(tmp_path, capsys):
 def test_crops_are_averaged_where_they_overlap():
     size = 16
     ramp = jnp.tile(jnp.arange(size, dtype=jnp.float32), (size, 1))
-    sample = Sample(
+    sample = LightFieldSample(
         views=jnp.broadcast_to(ramp, (3, 3, size, size)),
         offsets=jnp.zeros((3, 3, 2)),
         disparity=ramp.T,
         visibility=jnp.ones((3, 3, size, size), bool),
         valid=jnp.ones((size, size), bool),
     )
-    # What is a function of place is recovered whole ...
+    # A function of the position is recovered exactly.
     both = train_hci.averaged_crops(
         lambda crop: np.asarray(crop.views[1, 1] + 100 * crop.disparity), sample
     )
     np.testing.assert_allclose(both, ramp + 100 * ramp.T)
-    # ... and where crops differ, it is their mean: of crops numbered 0 to 8, row by row.
+    # Where crops differ, the result is their mean; crop k, row by row, returns k.
     number = iter(range(9))
     mean = train_hci.averaged_crops(
         lambda crop: np.full(crop.disparity.shape, next(number)), sample
@@ -69,10 +70,10 @@ def test_crops_are_averaged_where_they_overlap():
     assert mean[15, 15] == 8.0
 
 
-def test_every_missing_scene_is_named_at_once(tmp_path):
+def test_all_missing_scenes_are_named(tmp_path):
     gone = ("kitchen", "town", "dots")
     folders(tmp_path, [name for name in (*ADDITIONAL, *VALIDATION) if name not in gone])
-    with pytest.raises(InputError, match=r"has no folder of kitchen, town, dots, here") as error:
+    with pytest.raises(InputError, match=r"has no folder kitchen, town, dots, neither") as error:
         train_hci.run(tmp_path, output=tmp_path / "out")
     assert "antinous" not in str(error.value)
 
@@ -80,33 +81,33 @@ def test_every_missing_scene_is_named_at_once(tmp_path):
 def test_scenes_without_ground_truth_are_named(tmp_path):
     places = folders(tmp_path)
     (places["greek"] / GROUND_TRUTH).unlink()
-    with pytest.raises(InputError, match=f"{GROUND_TRUTH} is missing of greek"):
+    with pytest.raises(InputError, match=f"{GROUND_TRUTH} is missing in greek"):
         train_hci.run(tmp_path, output=tmp_path / "out")
 
 
-def test_masks_are_found_beside_the_scenes_or_in_them(tmp_path):
+def test_masks_are_found_next_to_the_scenes_or_in_them(tmp_path):
     hci = tmp_path / "hci"
     places = folders(hci)
-    with pytest.raises(InputError, match="kitchen, museum, vinyl should have masks"):
-        hci_masks.shared_masks(hci, places, None)
-    assert hci_masks.shared_masks(hci, places, None, needed=False) == {}
+    with pytest.raises(InputError, match="kitchen, museum, vinyl need masks"):
+        hci_scenes.shared_masks(hci, places, None)
+    assert hci_scenes.shared_masks(hci, places, None, needed=False) == {}
     (places["museum"] / "mask.png").touch()
     for folder in (hci / "additional_invalid_area", tmp_path / "elsewhere"):
         for name in ("kitchen", "vinyl"):
             (folder / name).mkdir(parents=True)
             (folder / name / "invalid.png").touch()
     for masks in (None, tmp_path / "elsewhere"):
-        found = hci_masks.shared_masks(hci, places, masks)
+        found = hci_scenes.shared_masks(hci, places, masks)
         folder = masks or hci / "additional_invalid_area"
-        # That of museum is read with the scene.
+        # The mask of museum is read with the scene.
         assert found == {name: folder / name / "invalid.png" for name in ("kitchen", "vinyl")}
-    # The masks' folders are not taken for the scenes.
+    # The folders of masks are not mistaken for scenes.
     assert train_hci.places_of(hci, ADDITIONAL)["kitchen"] == places["kitchen"]
     (tmp_path / "elsewhere/vinyl/other.png").touch()
     with pytest.raises(InputError, match="has 2 images"):
-        hci_masks.shared_masks(hci, places, tmp_path / "elsewhere")
-    with pytest.raises(InputError, match="no such folder of masks"):
-        hci_masks.shared_masks(hci, places, tmp_path / "absent")
+        hci_scenes.shared_masks(hci, places, tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="absent: is not a folder"):
+        hci_scenes.shared_masks(hci, places, tmp_path / "absent")
 
 
 def test_opaque_pixels_are_masked(tmp_path):
@@ -117,7 +118,7 @@ def test_opaque_pixels_are_masked(tmp_path):
     image[..., 3] = 0
     image[1, 2, 3] = 255
     imageio.imwrite(tmp_path / "a.png", image)
-    masked = hci_masks.with_mask(scene, tmp_path / "a.png")
+    masked = hci_scenes.with_mask(scene, tmp_path / "a.png")
     expected = valid.copy()
     expected[1, 2] = False
     np.testing.assert_array_equal(masked.valid, expected)
@@ -125,20 +126,20 @@ def test_opaque_pixels_are_masked(tmp_path):
     grey = np.zeros((4, 5), np.uint8)
     grey[1, 2] = 9
     imageio.imwrite(tmp_path / "g.png", grey)
-    np.testing.assert_array_equal(hci_masks.with_mask(scene, tmp_path / "g.png").valid, expected)
-    assert hci_masks.with_mask(scene, None) is scene
+    np.testing.assert_array_equal(hci_scenes.with_mask(scene, tmp_path / "g.png").valid, expected)
+    assert hci_scenes.with_mask(scene, None) is scene
     small = dataclasses.replace(scene, disparity=np.zeros((2, 2)), valid=np.ones((2, 2), bool))
     with pytest.raises(InputError, match=r"is \[4, 5\] but the views are \[2, 2\]"):
-        hci_masks.with_mask(small, tmp_path / "g.png")
+        hci_scenes.with_mask(small, tmp_path / "g.png")
     imageio.imwrite(tmp_path / "all.png", np.full((4, 5, 4), 255, np.uint8))
     with pytest.raises(InputError, match="masks every pixel"):
-        hci_masks.with_mask(scene, tmp_path / "all.png")
+        hci_scenes.with_mask(scene, tmp_path / "all.png")
     (tmp_path / "b.png").write_bytes(b"no image")
     with pytest.raises(InputError, match=r"b\.png"):
-        hci_masks.with_mask(scene, tmp_path / "b.png")
+        hci_scenes.with_mask(scene, tmp_path / "b.png")
 
 
 def test_a_folder_or_small_is_needed(tmp_path):
     for arguments in ({}, {"hci": tmp_path, "small": True}):
-        with pytest.raises(InputError, match="or --small alone"):
+        with pytest.raises(InputError, match="or pass --small alone"):
             train_hci.run(output=tmp_path / "out", **arguments)

@@ -23,7 +23,7 @@ frustum_disp_min = -2.0
 
 
 def save_views(folder, views, name):
-    """Write each view to the file that ``name(v, u)`` says."""
+    """Write each view to the file ``name(v, u)``; missing folders are created."""
     folder.mkdir(parents=True, exist_ok=True)
     for v, u in np.ndindex(*views.shape[:2]):
         path = folder / name(v, u)

@@ -22,7 +22,7 @@ def test_the_file_appears_only_when_it_is_complete(tmp_path):
     assert names(path.parent) == ["map.pfm"]
 
 
-def test_a_failure_leaves_the_earlier_file_and_no_rest(tmp_path):
+def test_a_failure_leaves_the_earlier_file_and_no_other(tmp_path):
     path = tmp_path / "map.pfm"
     path.write_text("earlier")
 
@@ -71,14 +71,14 @@ def test_an_existing_folder_keeps_the_files_that_were_not_written(tmp_path):
 
 
 @pytest.mark.parametrize("writer", [atomic_path, atomic_folder])
-def test_a_place_that_cannot_be_written_is_named(tmp_path, writer):
+def test_a_path_that_cannot_be_written_is_reported(tmp_path, writer):
     (tmp_path / "file").write_text("in the way")
     path = tmp_path / "file" / "out"
     with pytest.raises(InputError, match="file/out: cannot be written"), writer(path):
         pass
 
 
-def test_a_folder_in_the_way_of_a_file_is_named(tmp_path):
+def test_a_folder_with_the_name_of_the_file_is_reported(tmp_path):
     (tmp_path / "map.pfm").mkdir()
     with (
         pytest.raises(InputError, match=r"map\.pfm: cannot be written"),
@@ -88,7 +88,7 @@ def test_a_folder_in_the_way_of_a_file_is_named(tmp_path):
     assert names(tmp_path) == ["map.pfm"]
 
 
-def test_a_file_in_the_way_of_a_folder_is_named_and_kept(tmp_path):
+def test_a_file_with_the_name_of_the_folder_is_reported_and_kept(tmp_path):
     (tmp_path / "scene").write_text("mine")
     with (
         pytest.raises(InputError, match="scene: cannot be written"),
@@ -99,17 +99,17 @@ def test_a_file_in_the_way_of_a_folder_is_named_and_kept(tmp_path):
     assert names(tmp_path) == ["scene"]
 
 
-def test_errors_of_other_files_pass_unchanged(tmp_path):
+def test_errors_about_other_files_are_not_changed(tmp_path):
     with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "map.pfm"):
         (tmp_path / "elsewhere" / "a.txt").read_text()
 
 
-def test_what_was_owned_and_not_written_again_is_removed_and_nothing_else(tmp_path):
+def test_only_owned_files_that_are_not_written_again_are_removed(tmp_path):
     path = tmp_path / "scene"
     path.mkdir()
     for name in ("error.png", "depth.npy", "mine.txt"):
         (path / name).write_text("earlier")
-    (path / "points.ply").mkdir()  # no file: not what an earlier run wrote
+    (path / "points.ply").mkdir()  # a folder: an earlier run did not write it
     with atomic_folder(path, owned=("depth.npy", "error.png", "points.ply", "none")) as temporary:
         (temporary / "depth.npy").write_text("now")
         assert (path / "error.png").exists()
@@ -118,7 +118,7 @@ def test_what_was_owned_and_not_written_again_is_removed_and_nothing_else(tmp_pa
 
 
 @pytest.mark.parametrize("taken_by_a_folder", [True, False])
-def test_a_name_that_is_taken_is_found_before_anything_is_replaced(tmp_path, taken_by_a_folder):
+def test_a_name_conflict_is_found_before_anything_is_replaced(tmp_path, taken_by_a_folder):
     path = tmp_path / "scene"
     path.mkdir()
     (path / "a.txt").write_text("earlier")
@@ -137,7 +137,7 @@ def test_a_name_that_is_taken_is_found_before_anything_is_replaced(tmp_path, tak
 
 
 @pytest.mark.parametrize("present", [True, False])
-def test_a_full_disk_is_told_with_the_final_name(tmp_path, present):
+def test_a_full_disk_is_reported_with_the_final_path(tmp_path, present):
     path = tmp_path / "scene"
     if present:
         path.mkdir()
@@ -153,8 +153,8 @@ def test_a_full_disk_is_told_with_the_final_name(tmp_path, present):
     assert names(tmp_path) == (["scene"] if present else [])
 
 
-def test_a_folder_that_is_there_is_filled_from_inside_it(tmp_path):
-    # It may be the root of a file system, and nothing can be renamed across two of them.
+def test_the_temporary_folder_is_inside_an_existing_folder(tmp_path):
+    # It may be the root of a file system, and files cannot be renamed across file systems.
     with atomic_folder(tmp_path) as temporary:
         assert temporary.parent == tmp_path
 
@@ -168,14 +168,14 @@ def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("folder", ["", "there", "new", "there/new/newer"])
-def test_checking_a_place_that_can_be_written_leaves_no_trace(tmp_path, folder):
+def test_checking_a_writable_folder_leaves_no_trace(tmp_path, folder):
     (tmp_path / "there").mkdir()
     check_writable(tmp_path / folder)
     assert names(tmp_path) == ["there"]
 
 
 @pytest.mark.parametrize("folder", ["file", "file/out", "file/out/scene", "new/" + "long" * 100])
-def test_checking_a_place_that_cannot_be_written_names_it_and_leaves_no_trace(tmp_path, folder):
+def test_checking_an_impossible_folder_reports_it_and_leaves_no_trace(tmp_path, folder):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError) as caught:
         check_writable(tmp_path / folder)
@@ -184,7 +184,7 @@ def test_checking_a_place_that_cannot_be_written_names_it_and_leaves_no_trace(tm
     assert names(tmp_path) == ["file"]
 
 
-def test_checking_a_folder_whose_contents_may_not_change_is_refused(tmp_path):
+def test_checking_a_read_only_folder_reports_it(tmp_path):
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o500)
     if os.access(closed, os.W_OK):

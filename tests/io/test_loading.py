@@ -9,14 +9,15 @@ from PIL import Image
 from occjax.errors import InputError
 from occjax.io import (
     GridWarning,
-    Orientation,
-    OrientationWarning,
+    LayoutWarning,
     load,
     read_arrays,
     write_arrays,
     write_pfm,
 )
-from occjax.lightfield import LightField
+from occjax.io.hci_config import read_hci_config
+from occjax.layout.orientation import Orientation
+from occjax.lightfield import Calibration, LightField
 from tests.io.files import CONFIG, hci, save_views
 from tests.io.scenes import texture, two_planes
 
@@ -29,7 +30,7 @@ def views():
     return np.round(two_planes((3, 3), (20, 24))[0] * 255).astype(np.uint8)
 
 
-def quietly(path, **options):
+def load_unchecked(path, **options):
     return load(path, check_orientation=False, **options)
 
 
@@ -38,16 +39,16 @@ def test_hci_folder(tmp_path, views):
     (folder / "parameters.cfg").write_text(CONFIG)
     truth = np.arange(20 * 24, dtype=np.float32).reshape(20, 24)
     write_pfm(folder / "gt_disp_lowres.pfm", truth)
-    light_field = quietly(folder)
+    light_field = load_unchecked(folder)
     np.testing.assert_array_equal(light_field.views, views)
     np.testing.assert_array_equal(light_field.ground_truth, truth)
     assert light_field.name == "boxes"
     assert light_field.source == folder
     assert light_field.disparity_range == (-1.6, 1.5)
-    assert light_field.calibration.focal_length_mm == 100.0
-    assert light_field.calibration.sensor_size_mm == 35.0
-    assert light_field.calibration.baseline_mm == 50.0
-    assert light_field.calibration.focus_distance_m == 7.2
+    assert light_field.calibration == Calibration(100.0, 35.0, 50.0, 7.2)
+    config = CONFIG.replace("x_px = 24", "x_px = 24\nimage_resolution_y_px = 20")
+    (folder / "parameters.cfg").write_text(config)
+    assert read_hci_config(folder / "parameters.cfg").image_size == (20, 24)
 
 
 @pytest.mark.parametrize(
@@ -69,41 +70,41 @@ def test_hci_folder(tmp_path, views):
 )
 def test_folders_of_views_by_their_names(tmp_path, views, name, options):
     folder = save_views(tmp_path / "scene", views, name)
-    np.testing.assert_array_equal(quietly(folder, **options).views, views)
+    np.testing.assert_array_equal(load_unchecked(folder, **options).views, views)
 
 
 @pytest.mark.filterwarnings("error::occjax.io.GridWarning")
 def test_a_grid_guessed_from_the_number_of_views_is_announced(tmp_path, views):
     folder = save_views(tmp_path / "boxes", views, hci)
     with pytest.warns(GridWarning, match=r"boxes: 9 views taken as 3x3; pass grid \(--grid V U\)"):
-        quietly(folder)
-    assert quietly(folder, grid=(1, 9)).grid == (1, 9)
+        load_unchecked(folder)
+    assert load_unchecked(folder, grid=(1, 9)).grid == (1, 9)
     (folder / "parameters.cfg").write_text(CONFIG)
-    assert quietly(folder).grid == (3, 3)
+    assert load_unchecked(folder).grid == (3, 3)
 
 
 @pytest.mark.filterwarnings("error::occjax.io.GridWarning")
-def test_81_views_are_9x9_without_a_word(tmp_path, views):
+def test_81_views_are_9x9_without_a_warning(tmp_path, views):
     names = [f"input_Cam{i:03d}.png" for i in range(81)]
     for name in names:
         Image.fromarray(views[0, 0]).save(tmp_path / name)
-    assert quietly(tmp_path).grid == (9, 9)
+    assert load_unchecked(tmp_path).grid == (9, 9)
     for name in names[64:]:
         (tmp_path / name).unlink()
     with pytest.warns(GridWarning, match="64 views taken as 8x8"):
-        quietly(tmp_path)
+        load_unchecked(tmp_path)
 
 
-def test_hidden_files_are_no_views(tmp_path, views):
+def test_hidden_files_are_ignored(tmp_path, views):
     folder = save_views(tmp_path, views, lambda v, u: f"sc_{v + 1:02d}_{u + 1:02d}.png")
     for path in list(folder.iterdir()):
         (folder / f"._{path.name}").write_bytes(b"resource fork")
-    np.testing.assert_array_equal(quietly(folder).views, views)
+    np.testing.assert_array_equal(load_unchecked(folder).views, views)
 
 
 def test_numbered_views_need_not_form_a_square(tmp_path, views):
     folder = save_views(tmp_path, views[:2], lambda v, u: f"{3 * v + u}.png")
-    assert quietly(folder, pattern="{i}.png", grid=(2, 3)).grid == (2, 3)
+    assert load_unchecked(folder, pattern="{i}.png", grid=(2, 3)).grid == (2, 3)
 
 
 def test_urbanlf_ground_truth_is_that_of_the_centre_view(tmp_path, views):
@@ -111,12 +112,12 @@ def test_urbanlf_ground_truth_is_that_of_the_centre_view(tmp_path, views):
     truth = np.random.default_rng(0).normal(size=(20, 24))
     np.save(folder / "2_2_disparity.npy", truth)
     np.save(folder / "2_2_depth.npy", truth + 5)
-    np.testing.assert_array_equal(quietly(folder).ground_truth, truth.astype(np.float32))
+    np.testing.assert_array_equal(load_unchecked(folder).ground_truth, truth.astype(np.float32))
 
 
 @pytest.mark.parametrize(("tail", "down"), [("_", 1), ("", -1)])
 @pytest.mark.parametrize("backwards", [False, True])
-def test_gantry_views_are_sorted_by_where_the_camera_stood(tmp_path, views, tail, down, backwards):
+def test_gantry_views_are_sorted_by_camera_position(tmp_path, views, tail, down, backwards):
     """The names count exposures; positions are in millimetres, 2 mm apart, one of them off."""
     error = {(0, 2): (0.5, -0.25)}
 
@@ -126,7 +127,7 @@ def test_gantry_views_are_sorted_by_where_the_camera_stood(tmp_path, views, tail
         row, column = (2 - v, 2 - u) if backwards else (v, u)
         return f"out_{row:02d}_{column:02d}_{y:.6f}_{x:.6f}{tail}.png"
 
-    light_field = quietly(save_views(tmp_path, views, name))
+    light_field = load_unchecked(save_views(tmp_path, views, name))
     np.testing.assert_array_equal(light_field.views, views)
     positions = light_field.positions
     # The one misplaced camera shortens the mean spacing: one of three columns by -0.5 mm over two
@@ -139,12 +140,12 @@ def test_gantry_views_are_sorted_by_where_the_camera_stood(tmp_path, views, tail
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32, np.float64])
 @pytest.mark.parametrize("channels", [0, 1, 3, 4])
-def test_arrays_of_any_kind(tmp_path, views, dtype, channels):
+def test_arrays_of_any_type(tmp_path, views, dtype, channels):
     scale = np.iinfo(dtype).max if np.issubdtype(dtype, np.integer) else 1
     full = (np.repeat(views, 2, axis=-1) / 255 * scale).astype(dtype)
     stored = full[..., 0] if channels == 0 else full[..., :channels]
     np.save(tmp_path / "scene.npy", stored)
-    loaded = quietly(tmp_path / "scene.npy").views
+    loaded = load_unchecked(tmp_path / "scene.npy").views
     expected = full[..., : 1 if channels < 3 else 3]
     np.testing.assert_array_equal(loaded, expected.astype(loaded.dtype))
     assert loaded.dtype == (dtype if scale != 1 else np.float32)
@@ -155,11 +156,13 @@ def test_npz_with_views_under_any_name(tmp_path, views):
     np.savez(tmp_path / "two.npz", Views=views, Disparity_Range=np.array([-1.0, 2.0]))
     np.savez(tmp_path / "named.npz", lf=views, other=np.zeros(3))
     for name, key in (("one", None), ("two", None), ("named", "lf")):
-        np.testing.assert_array_equal(quietly(tmp_path / f"{name}.npz", key=key).views, views)
-    assert quietly(tmp_path / "two.npz").disparity_range == (-1.0, 2.0)
+        np.testing.assert_array_equal(
+            load_unchecked(tmp_path / f"{name}.npz", key=key).views, views
+        )
+    assert load_unchecked(tmp_path / "two.npz").disparity_range == (-1.0, 2.0)
 
 
-def test_written_arrays_come_back(tmp_path, views):
+def test_written_arrays_are_read_back(tmp_path, views):
     light_field = LightField(
         views,
         disparity_range=(-1.0, 2.5),
@@ -174,14 +177,14 @@ def test_written_arrays_come_back(tmp_path, views):
     assert again.disparity_range == (-1.0, 2.5)
 
 
-def test_old_hci_file_turns_depth_into_disparity(tmp_path, views):
+def test_old_hci_files_have_disparity_from_depth(tmp_path, views):
     """A camera 0.02 m from its neighbour, 600 pixels of focal length, converging at 4 m."""
     depth = np.linspace(3.0, 6.0, 20 * 24, dtype=np.float32).reshape(20, 24)
     with h5py.File(tmp_path / "buddha.h5", "w") as file:
         file["LF"] = views
         file["GT_DEPTH"] = np.broadcast_to(depth, (3, 3, 20, 24))
         file.attrs.update({"dH": [0.02], "focalLength": 600.0, "camDistance": 4.0, "vRes": 3})
-    light_field = quietly(tmp_path / "buddha.h5")
+    light_field = load_unchecked(tmp_path / "buddha.h5")
     np.testing.assert_array_equal(light_field.views, views)
     expected = 0.02 * 600 / depth - 0.02 * 600 / 4.0
     np.testing.assert_allclose(light_field.ground_truth, expected, atol=1e-5)
@@ -189,16 +192,16 @@ def test_old_hci_file_turns_depth_into_disparity(tmp_path, views):
     np.testing.assert_allclose(again, depth, rtol=1e-4)
 
 
-def test_old_hci_file_without_camera_has_views_only(tmp_path, views):
+def test_old_hci_files_without_camera_have_only_views(tmp_path, views):
     with h5py.File(tmp_path / "buddha.h5", "w") as file:
         file["LF"] = views
         file["GT_DEPTH"] = np.ones((20, 24))
-    light_field = quietly(tmp_path / "buddha.h5")
+    light_field = load_unchecked(tmp_path / "buddha.h5")
     assert light_field.calibration is None
     assert light_field.ground_truth is None
 
 
-def test_without_h5py_the_command_that_installs_it_is_named(tmp_path, monkeypatch):
+def test_a_missing_h5py_is_reported_with_the_install_command(tmp_path, monkeypatch):
     (tmp_path / "buddha.h5").touch()
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match=r"buddha\.h5.*pip install 'occjax\[published\]'"):
@@ -207,48 +210,48 @@ def test_without_h5py_the_command_that_installs_it_is_named(tmp_path, monkeypatc
 
 def test_order_and_flip_undo_how_the_files_are_stored(tmp_path, views):
     folder = save_views(tmp_path, views, lambda v, u: f"{u}_{2 - v}.png")
-    loaded = quietly(folder, order="uv", flip="v", name="mine")
+    loaded = load_unchecked(folder, order="uv", flip="v", name="mine")
     np.testing.assert_array_equal(loaded.views, views)
     assert loaded.name == "mine"
 
 
 def test_progress_counts_the_views(tmp_path, views):
     calls = []
-    quietly(save_views(tmp_path, views, hci), progress=lambda *counts: calls.append(counts))
+    load_unchecked(save_views(tmp_path, views, hci), progress=lambda *counts: calls.append(counts))
     assert calls == [(done, 9) for done in range(1, 10)]
 
 
-def test_another_order_than_declared_is_warned_about_with_its_cure(tmp_path):
+def test_a_wrong_order_is_warned_about_with_the_right_options(tmp_path):
     views = two_planes()[0]
     swapped = Orientation(swap=True, flip_rows=True).apply(LightField(views)).views
     np.save(tmp_path / "scene.npy", swapped)
-    with pytest.warns(OrientationWarning, match=r"scene\.npy.*pass order \(--order uv\)") as caught:
+    with pytest.warns(LayoutWarning, match=r"scene\.npy.*pass order \(--order uv\)") as caught:
         load(tmp_path / "scene.npy")
     assert "\n" not in str(caught[0].message)
     assert "and flip (--flip u)" in str(caught[0].message)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        cured = load(tmp_path / "scene.npy", order="uv", flip="u")
-    np.testing.assert_array_equal(cured.views, views)
-    with pytest.warns(OrientationWarning, match=r"pass order \(--order uv\) and flip \(--flip u\)"):
+        corrected = load(tmp_path / "scene.npy", order="uv", flip="u")
+    np.testing.assert_array_equal(corrected.views, views)
+    with pytest.warns(LayoutWarning, match=r"pass order \(--order uv\) and flip \(--flip u\)"):
         load(tmp_path / "scene.npy", order="vu", flip="u")
 
 
-def test_of_two_equally_likely_orders_the_plainer_comes_first(tmp_path):
-    """A slanted wall hides nothing, so its sign of disparity is unknown."""
+def test_of_two_equally_likely_orders_the_simpler_comes_first(tmp_path):
+    """A slanted wall has no occlusion, so the sign of its disparity is unknown."""
     y, x = np.mgrid[:80, :80].astype(float)
     columns = [[texture(y + 1.3 * v, x + 1.3 * u) for v in range(-2, 3)] for u in range(-2, 3)]
     np.save(tmp_path / "wall.npy", np.float32(columns))
-    cure = r"pass order \(--order uv\) alone or pass order \(--order uv\) and flip \(--flip vu\)$"
+    advice = r"pass order \(--order uv\) alone or pass order \(--order uv\) and flip \(--flip vu\)$"
     for flip in ("", "vu"):
-        with pytest.warns(OrientationWarning, match=cure):
+        with pytest.warns(LayoutWarning, match=advice):
             load(tmp_path / "wall.npy", flip=flip)
 
 
-def test_views_that_do_not_belong_together_are_warned_about(tmp_path):
+def test_unrelated_views_are_warned_about(tmp_path):
     noise = np.random.default_rng(0).integers(0, 256, (5, 5, 64, 64, 1), np.uint8)
     np.save(tmp_path / "noise.npy", noise)
-    with pytest.warns(OrientationWarning, match="no layout of the 5x5 views is consistent"):
+    with pytest.warns(LayoutWarning, match="no layout of the 5x5 views is consistent"):
         load(tmp_path / "noise.npy")
 
 

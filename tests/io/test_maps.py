@@ -13,7 +13,7 @@ VALUES = np.array([[0.5, -1.5, np.nan], [np.inf, 2.25, 3.0]], np.float32)
 
 
 def bottom_up(order):
-    """The values of ``VALUES`` as a PFM file has them: the last row first."""
+    """Return ``VALUES`` in the order of a PFM file: the last row first."""
     return struct.pack(f"{order}6f", np.inf, 2.25, 3.0, 0.5, -1.5, np.nan)
 
 
@@ -35,7 +35,7 @@ def test_an_npy_of_any_float_becomes_a_little_endian_pfm_bottom_up(tmp_path, dty
 
 @pytest.mark.parametrize("suffix", [".pfm", ".npy", ".png", ".PFM", ".NPY", ".PNG"])
 @pytest.mark.parametrize("quantity", ["disparity", "depth"])
-def test_every_format_gives_back_the_map(tmp_path, suffix, quantity):
+def test_every_format_is_read_back(tmp_path, suffix, quantity):
     path = tmp_path / f"map{suffix}"
     precision = write_map(path, Map(VALUES, quantity))
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
@@ -55,52 +55,52 @@ def test_every_format_gives_back_the_map(tmp_path, suffix, quantity):
         ("Depth.npy", "depth"),
     ],
 )
-def test_a_file_that_does_not_say_holds_what_its_name_says(tmp_path, name, quantity):
+def test_other_files_hold_the_quantity_in_their_name(tmp_path, name, quantity):
     np.save(tmp_path / name, VALUES)
     assert read_map(tmp_path / name).quantity == quantity
     assert read_map(tmp_path / name, quantity="depth").quantity == "depth"
     assert read_map(tmp_path / name, quantity="disparity").quantity == "disparity"
 
 
-def test_a_png_says_itself_what_it_holds(tmp_path):
+def test_a_png_states_its_quantity(tmp_path):
     write_map(tmp_path / "depth.png", Map(VALUES, "disparity"))
     assert read_map(tmp_path / "depth.png").quantity == "disparity"
-    with pytest.raises(InputError, match="holds disparity, as it says itself, not depth"):
+    with pytest.raises(InputError, match="states that it holds disparity, not depth"):
         read_map(tmp_path / "depth.png", quantity="depth")
 
 
-def test_a_folder_of_results_stands_for_its_disparity(tmp_path):
+def test_of_a_folder_of_results_the_disparity_is_read(tmp_path):
     write_map(tmp_path / "disparity.pfm", Map(VALUES, "disparity"))
     np.testing.assert_array_equal(read_map(tmp_path).values, VALUES)
     (tmp_path / "disparity.pfm").unlink()
-    with pytest.raises(InputError, match=r"without a disparity\.pfm"):
+    with pytest.raises(InputError, match=r"without disparity\.pfm"):
         read_map(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("name", "write", "options", "says"),
+    ("name", "write", "options", "reason"),
     [
         ("map.txt", lambda path: path.write_text("1 2"), {}, r"\.pfm, \.npy or \.png"),
         ("map", lambda path: path.write_text("1 2"), {}, r"\.pfm, \.npy or \.png"),
         ("map.npz", lambda path: np.savez(path, VALUES), {}, r"save the map alone, as a \.npy"),
         ("map.npy", lambda path: np.save(path, np.zeros((2, 2, 3))), {}, r"\[2, 2, 3\], not a map"),
         ("map.npy", lambda path: np.save(path, np.zeros((0, 3))), {}, r"\[0, 3\], not a map"),
-        ("map.npy", lambda path: np.save(path, VALUES), {"scale": 2.0}, "for a PNG"),
-        ("map.npy", lambda path: np.save(path, VALUES), {"offset": 2.0}, "for a PNG"),
+        ("map.npy", lambda path: np.save(path, VALUES), {"scale": 2.0}, "only to a PNG"),
+        ("map.npy", lambda path: np.save(path, VALUES), {"offset": 2.0}, "only to a PNG"),
         ("map.npy", lambda path: np.save(path, VALUES > 0), {}, "real numbers"),
-        ("map.npy", lambda path: path.write_text("text"), {}, "not a complete NPY"),
-        ("map.png", lambda path: path.write_text("text"), {}, "cannot be decoded"),
+        ("map.npy", lambda path: path.write_text("text"), {}, "cannot be decoded as a NumPy file"),
+        ("map.png", lambda path: path.write_text("text"), {}, "cannot be decoded as an image"),
     ],
 )
-def test_a_file_that_is_no_map_is_named_in_one_line(tmp_path, name, write, options, says):
+def test_other_files_are_refused_in_one_line(tmp_path, name, write, options, reason):
     write(tmp_path / name)
-    with pytest.raises(InputError, match=says) as error:
+    with pytest.raises(InputError, match=reason) as error:
         read_map(tmp_path / name, **options)
     assert str(tmp_path / name) in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_other_endings_are_not_written(tmp_path):
+def test_other_suffixes_are_not_written(tmp_path):
     with pytest.raises(InputError, match=r"must end in \.pfm, \.npy, \.png"):
         write_map(tmp_path / "map.tif", Map(VALUES, "depth"))
     with pytest.raises(InputError, match=r"must be \[H, W, 3\]"):

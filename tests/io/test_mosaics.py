@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from occjax.errors import InputError
 from occjax.io import join_macpi, join_tiles, load, split_macpi, split_tiles
 from occjax.io.mosaics import detect_mosaic
 from tests.io.scenes import two_planes
@@ -31,9 +32,15 @@ def test_a_macpi_image_has_a_grid_at_each_pixel(views):
     np.testing.assert_array_equal(split_macpi(macpi, (v_count, u_count)), views)
 
 
+@pytest.mark.parametrize("split", [split_tiles, split_macpi])
+def test_a_grid_that_does_not_divide_the_image_is_refused(split):
+    with pytest.raises(InputError, match="10x12 pixels are not a multiple of the 3x4 grid"):
+        split(np.zeros((10, 12, 3)), (3, 4))
+
+
 @pytest.mark.parametrize(("kind", "join"), [("tiled", join_tiles), ("macpi", join_macpi)])
 @pytest.mark.parametrize("grid", [(5, 5), (3, 4), (1, 5)])
-def test_the_arrangement_is_found_out(tmp_path, kind, join, grid):
+def test_the_arrangement_is_detected(tmp_path, kind, join, grid):
     views = np.round(two_planes(grid, (60, 72))[0] * 255).astype(np.uint8)
     image = join(views)
     assert detect_mosaic(image, grid) == kind
@@ -44,7 +51,7 @@ def test_the_arrangement_is_found_out(tmp_path, kind, join, grid):
 
 
 @pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
-def test_the_arrangement_of_real_views_is_found_out(shared, scene):
+def test_the_arrangement_of_real_views_is_detected(shared, scene):
     views = load(shared / "data" / scene, check_orientation=False).views[2:7, 2:7]
     assert detect_mosaic(join_tiles(views), (5, 5)) == "tiled"
     assert detect_mosaic(join_macpi(views), (5, 5)) == "macpi"
@@ -52,7 +59,7 @@ def test_the_arrangement_of_real_views_is_found_out(shared, scene):
 
 @pytest.mark.parametrize("visible", [4.5, 6.5])
 def test_black_outer_views_do_not_hide_the_arrangement(visible):
-    """A plenoptic camera sees nothing in the corners of its grid, or nothing around a disc."""
+    """The views in the corners of a plenoptic camera are black, or all views outside a disc."""
     views = np.round(two_planes((14, 14), (40, 48))[0] * 255).astype(np.uint8)
     v, u = np.mgrid[:14, :14] - 6.5
     views[np.hypot(v, u) > visible + 1] = 0

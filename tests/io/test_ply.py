@@ -1,4 +1,4 @@
-"""PLY files, read back by a minimal parser of the format's own text."""
+"""PLY files, read back by a minimal parser that follows the header."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ COLOURS = np.array([[0, 128, 255], [1, 2, 3], [9, 8, 7]], np.uint8)
 
 
 def read_vertices(path):
-    """Vertices of a binary little-endian file, as its own header describes them."""
+    """Return the vertices of a binary little-endian file and the lines of its header."""
     header, body = path.read_bytes().split(b"end_header\n", 1)
     lines = header.decode("ascii").splitlines()
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
@@ -23,7 +23,7 @@ def read_vertices(path):
     return vertices, lines
 
 
-def test_points_and_colours_come_back(tmp_path):
+def test_points_and_colours_are_read_back(tmp_path):
     write_ply(tmp_path / "points.ply", POINTS, COLOURS, comment="metres")
     vertices, lines = read_vertices(tmp_path / "points.ply")
     found = np.stack([vertices[name] for name in "xyz"], axis=1)

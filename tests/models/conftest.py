@@ -1,6 +1,8 @@
-"""Small networks with weights and statistics that are not trivial, shared by the tests."""
+"""Small networks with non-trivial weights and statistics, shared by the tests of this folder."""
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from occjax.models import preset
@@ -15,5 +17,15 @@ def tiny_views():
 
 @pytest.fixture(scope="session")
 def tiny_variables():
-    """Variables of the tiny preset."""
+    """Variables of the preset ``tiny``."""
     return random_variables(preset("tiny"))
+
+
+@pytest.fixture(scope="session")
+def uniform():
+    """Function that returns uniform random numbers of a given shape."""
+
+    def draw(*shape, seed=0):
+        return jnp.asarray(np.random.default_rng(seed).random(shape, np.float32))
+
+    return draw

@@ -14,11 +14,8 @@ from occjax.models.weights import load_weights
 def package(tmp_path, monkeypatch):
     """A package with one file of weights."""
     (tmp_path / "good.safetensors").write_bytes(b"weights")
-    entry = {
-        "name": "good",
-        "summary": "for tests",
-        "sha256": hashlib.sha256(b"weights").hexdigest(),
-    }
+    digest = hashlib.sha256(b"weights").hexdigest()
+    entry = {"name": "good", "summary": "for tests", "sha256": digest}
     (tmp_path / "index.json").write_text(json.dumps([entry]))
     monkeypatch.setattr(bundled, "FOLDER", tmp_path)
     bundled.bundled_weights.cache_clear()
@@ -26,7 +23,7 @@ def package(tmp_path, monkeypatch):
     bundled.bundled_weights.cache_clear()
 
 
-def test_all_that_is_shipped_is_whole_described_and_readable():
+def test_shipped_weights_are_complete_described_and_readable():
     names = set()
     for weights in bundled.bundled_weights():
         weights.verify()
@@ -36,33 +33,28 @@ def test_all_that_is_shipped_is_whole_described_and_readable():
     files = {file.stem for file in bundled.FOLDER.glob("*.safetensors")}
     assert files == names
     assert sum(file.stat().st_size for file in bundled.FOLDER.iterdir()) <= 12e6
+    assert bundled.find_weights("light") == bundled.find_weights("proposal")  # a former name
 
 
-def test_weights_are_found_by_name(package):
-    assert bundled.find_weights("good") == package / "good.safetensors"
+def test_weights_are_found_by_name_unless_the_file_exists(package, tmp_path, monkeypatch):
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    for name in ("good", "good.safetensors"):
+        assert bundled.find_weights(name) == package / "good.safetensors"
+    (tmp_path / "work" / "good.safetensors").write_bytes(b"own")
+    own = bundled.find_weights("good.safetensors")
+    assert own.resolve() == tmp_path / "work" / "good.safetensors"
+    assert bundled.find_weights(tmp_path / "own.safetensors") == tmp_path / "own.safetensors"
 
 
-def test_weights_are_found_by_the_name_that_an_estimate_prints(package, tmp_path, monkeypatch):
-    (tmp_path / "empty").mkdir()
-    monkeypatch.chdir(tmp_path / "empty")
-    assert bundled.find_weights("good.safetensors") == package / "good.safetensors"
-    mine = tmp_path / "empty" / "good.safetensors"
-    mine.write_bytes(b"mine")
-    assert bundled.find_weights("good.safetensors").resolve() == mine  # what is here comes first
-
-
-def test_a_path_is_taken_as_it_is(package, tmp_path):
-    assert bundled.find_weights(tmp_path / "mine.safetensors") == tmp_path / "mine.safetensors"
-
-
-def test_an_unknown_name_is_told_with_those_that_there_are(package):
-    with pytest.raises(InputError, match=r"no weights of this name.*there are good"):
+def test_unknown_name_is_refused_with_the_known_ones(package):
+    with pytest.raises(InputError, match=r"neither a file nor the name.*package has good"):
         bundled.find_weights("better")
 
 
-def test_a_changed_file_is_refused(package):
+def test_damaged_and_missing_files_are_refused(package):
     (package / "good.safetensors").write_bytes(b"other")
-    with pytest.raises(InputError, match="not the file that was shipped"):
+    with pytest.raises(InputError, match="differs from the shipped file"):
         bundled.find_weights("good")
     (package / "good.safetensors").unlink()
     with pytest.raises(InputError, match="is missing"):

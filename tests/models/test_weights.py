@@ -1,4 +1,6 @@
-"""Weights with their configuration in one file."""
+"""Weights on disk, with their configuration, and files of earlier versions."""
+
+import json
 
 import jax
 import numpy as np
@@ -7,9 +9,18 @@ from flax import traverse_util
 from safetensors.numpy import save_file
 
 from occjax.errors import InputError
-from occjax.models import preset
-from occjax.models.weights import load_weights, save_weights
+from occjax.models import ProposalConfig, load_weights, preset, save_weights
+from occjax.models.config_json import config_from_json, config_to_json
+from occjax.models.proposal import (
+    CostConfig,
+    ProposalsConfig,
+    RefinementConfig,
+    SearchConfig,
+    SelectorConfig,
+)
 from tests.reference.variables import random_variables
+
+KERNEL = "params/aggregation_0/score/kernel"
 
 
 @pytest.fixture
@@ -19,66 +30,160 @@ def saved(tmp_path, tiny_variables):
     return path
 
 
-def test_weights_and_configuration_come_back(saved, tiny_variables):
-    variables, config = load_weights(saved)
+def assert_equal(variables, expected):
+    assert jax.tree.structure(variables) == jax.tree.structure(expected)
+    jax.tree.map(np.testing.assert_array_equal, variables, expected)
+
+
+@pytest.mark.parametrize("name", ["tiny", "proposal_small"])
+def test_weights_and_configuration_are_restored(name, tmp_path):
+    variables = random_variables(preset(name))
+    save_weights(tmp_path / "weights.safetensors", variables, preset(name))
+    restored, config = load_weights(tmp_path / "weights.safetensors")
+    assert config == preset(name)
+    assert_equal(restored, variables)
+
+
+@pytest.mark.parametrize("name", ["proposal", "photometric", "occcasnet", "cas_2_occ_gt"])
+def test_configurations_are_restored_from_json(name):
+    assert config_from_json(config_to_json(preset(name))) == preset(name)
+
+
+LEGACY_STAGE = {
+    "kind": "StageConfig",
+    "occlusion": "none",
+    "attention": True,
+    "semi_global": None,
+    "plane_steps": 0,
+    "neighbours": [],
+    "second": 0.7,
+    "window": None,
+}
+LEGACY_NETWORK = {
+    "kind": "NetworkConfig",
+    "shared_aggregation": False,
+    "warp": "correct",
+    "feature_statistics": "pooled",
+    "reach": 4.0,
+}
+"""Fields of all stages and networks, as version 0.1 wrote them."""
+
+
+def write_legacy(path, description, variables, rename=lambda name: name):
+    flat = traverse_util.flatten_dict(variables, sep="/")
+    tensors = {rename(name): np.asarray(value) for name, value in flat.items()}
+    save_file(tensors, path, metadata={"config": json.dumps(description), "step": "2500"})
+
+
+def test_proposal_weights_of_version_0_1_are_loaded(tmp_path):
+    offsets = ((0, -3), (0, 3), (-3, 0), (3, 0))
+    expected = ProposalConfig(
+        costs=CostConfig(grey_truncation=0.03, derivative_truncation=0.005),
+        search=SearchConfig(2, 0.5, 1.0, 0.25, 0.9, 0.04, 0.2),
+        refinement=RefinementConfig(steps=2),
+        proposals=ProposalsConfig(offsets=offsets, min_second_distance=0.6),
+        selector=SelectorConfig(width=4, context=(4, 6), window=0.2),
+    )
+    semi_global = {"smoothness": 0.25, "jump": 0.9, "edge": 0.04, "temperature": 0.2}
+    search = LEGACY_STAGE | {
+        "candidates": [-1.0, -0.5, 0.0, 0.5, 1.0],
+        "volume": "sectors",
+        "aggregation": None,
+        "attention": False,
+        "semi_global": {"kind": "SemiGlobalConfig", **semi_global},
+    }
+    choice = LEGACY_STAGE | {
+        "candidates": [],
+        "volume": "sectors",
+        "aggregation": {"kind": "Choice", "width": 4, "context": [4, 6]},
+        "occlusion": "coarse",
+        "attention": False,
+        "plane_steps": 2,
+        "neighbours": [list(offset) for offset in offsets],
+        "second": 0.6,
+        "window": 0.2,
+    }
+    truncations = {"grey_truncation": 0.03, "derivative_truncation": 0.005}
+    description = LEGACY_NETWORK | {
+        "stages": [search, choice],
+        "views": None,
+        "features": {"kind": "DerivativeFeatures", **truncations},
+        "attention_width": 120,
+    }
+    variables = random_variables(expected)
+    write_legacy(
+        tmp_path / "light.safetensors",
+        description,
+        variables,
+        lambda name: name.replace("params/selector/", "params/sectors/choice/"),
+    )
+    restored, config = load_weights(tmp_path / "light.safetensors")
+    assert config == expected
+    assert_equal(restored, variables)
+
+
+def test_occcasnet_weights_of_version_0_1_are_loaded(tmp_path, tiny_variables):
+    residual = {"kind": "Residual", "width": 8, "pairs": 1}
+    stages = [
+        LEGACY_STAGE
+        | {"candidates": candidates, "volume": "concatenate", "aggregation": residual}
+        | {"occlusion": occlusion}
+        for candidates, occlusion in (
+            ([-2.0, -1.0, 0.0, 1.0, 2.0], "none"),
+            ([-0.5, 0.0, 0.5], "coarse"),
+        )
+    ]
+    features = json.loads(config_to_json(preset("tiny")))["features"]
+    description = LEGACY_NETWORK | {
+        "stages": stages,
+        "views": [3, 3],
+        "features": features,
+        "attention_width": 8,
+    }
+    write_legacy(tmp_path / "tiny.safetensors", description, tiny_variables)
+    restored, config = load_weights(tmp_path / "tiny.safetensors", preset("tiny"))
     assert config == preset("tiny")
-    assert jax.tree.structure(variables) == jax.tree.structure(tiny_variables)
-    jax.tree.map(np.testing.assert_array_equal, variables, tiny_variables)
+    assert_equal(restored, tiny_variables)
 
 
-def test_the_warp_can_be_chosen(saved):
+def test_options_of_use_are_not_part_of_the_model(saved):
     assert load_weights(saved, warp="transposed")[1].warp == "transposed"
-
-
-def test_another_network_is_refused_with_the_difference(saved):
+    load_weights(saved, preset("tiny", feature_statistics="per_view"))
     with pytest.raises(
-        InputError, match=r"tiny.safetensors: .*another network: stages\[0\].candidates is"
+        InputError, match=r"tiny.safetensors: .*another model: stages\[0\].candidates is"
     ):
         load_weights(saved, preset("occcasnet"))
-
-
-def test_the_choice_of_training_statistics_is_no_other_network(saved):
-    load_weights(saved, preset("tiny", feature_statistics="per_view"))
-
-
-def changed(change):
-    def spoil(variables):
-        flat = traverse_util.flatten_dict(variables, sep="/")
-        change(flat)
-        return traverse_util.unflatten_dict(flat, sep="/")
-
-    return spoil
-
-
-KERNEL = "params/aggregation_0/score/kernel"
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda flat: flat.pop(KERNEL), f"has no weight {KERNEL}"),
-        (lambda flat: flat.update({"params/more": flat[KERNEL]}), "no place for params/more"),
-        (lambda flat: flat.update({KERNEL: flat[KERNEL][:1]}), f"{KERNEL} is .1, 3, 3, 8, 1."),
-        (lambda flat: flat.update({KERNEL: flat[KERNEL] * np.nan}), f"{KERNEL} is not finite"),
+        (
+            lambda flat: flat.update({"params/more": flat[KERNEL]}),
+            "the model has no weight params/more",
+        ),
+        (
+            lambda flat: flat.update({KERNEL: flat[KERNEL][:1]}),
+            f"{KERNEL} has shape .1, 3, 3, 8, 1.",
+        ),
+        (
+            lambda flat: flat.update({KERNEL: flat[KERNEL] * np.nan}),
+            f"{KERNEL} has values that are not finite",
+        ),
     ],
 )
-def test_variables_that_are_not_the_configurations_are_refused(
-    tmp_path, tiny_variables, change, message
-):
+def test_variables_of_another_model_are_not_saved(tmp_path, tiny_variables, change, message):
+    flat = traverse_util.flatten_dict(tiny_variables, sep="/")
+    change(flat)
+    path = tmp_path / "weights.safetensors"
     with pytest.raises(InputError, match=message):
-        save_weights(tmp_path / "w.safetensors", changed(change)(tiny_variables), preset("tiny"))
-    assert not (tmp_path / "w.safetensors").exists()
-
-
-def test_a_configuration_of_another_version_is_refused(tmp_path):
-    path = tmp_path / "later.safetensors"
-    save_file({}, path, metadata={"config": '{"stages": [], "features": {}, "later": 1}'})
-    with pytest.raises(InputError, match=r"later.safetensors: holds no network configuration"):
-        load_weights(path)
+        save_weights(path, traverse_util.unflatten_dict(flat, sep="/"), preset("tiny"))
+    assert not path.exists()
 
 
 def test_weights_need_their_suffix(tmp_path, tiny_variables):
-    with pytest.raises(InputError, match=r"ends in \.safetensors"):
+    with pytest.raises(InputError, match=r"are written to \.safetensors"):
         save_weights(tmp_path / "weights", tiny_variables, preset("tiny"))
 
 
@@ -87,10 +192,10 @@ def test_weights_need_their_suffix(tmp_path, tiny_variables):
     [
         ("cut.safetensors", b"\x10\x00", "not a readable safetensors file"),
         ("absent.safetensors", None, "no such file"),
-        ("weights.pt", b"", "weights end in .safetensors"),
+        ("weights.pt", b"", "not a file of weights; pass .safetensors"),
     ],
 )
-def test_unusable_files_are_named(tmp_path, name, content, message):
+def test_unusable_files_are_refused(tmp_path, name, content, message):
     path = tmp_path / name
     if content is not None:
         path.write_bytes(content)
@@ -99,10 +204,8 @@ def test_unusable_files_are_named(tmp_path, name, content, message):
     assert name in str(error.value)
 
 
-def test_networks_of_all_kinds_are_stored(tmp_path):
-    for name in ("light_small", "cas_2_occ_gt"):  # with a number among the weights; with a truth
-        variables = random_variables(preset(name))
-        save_weights(tmp_path / "weights.safetensors", variables, preset(name))
-        again, config = load_weights(tmp_path / "weights.safetensors")
-        assert config == preset(name)
-        jax.tree.map(np.testing.assert_array_equal, again, variables)
+def test_configuration_of_a_later_version_is_refused(tmp_path):
+    path = tmp_path / "later.safetensors"
+    save_file({}, path, metadata={"config": '{"kind": "ProposalConfig", "later": 1}'})
+    with pytest.raises(InputError, match=r"later.safetensors: holds no model configuration"):
+        load_weights(path)

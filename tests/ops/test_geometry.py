@@ -1,4 +1,4 @@
-"""View offsets, and what the geometry of a light field demands of every operation built on them."""
+"""Depth, 3D points and normals against closed forms: the published formula, planes and a sphere."""
 
 import jax
 import jax.numpy as jnp
@@ -6,180 +6,214 @@ import numpy as np
 import pytest
 
 from occjax import ops
-from tests.reference import ops as reference
+from occjax.lightfield import Calibration
+from tests.ops.derivatives import assert_derivatives
+
+CAMERA = Calibration(
+    focal_length_mm=100.0, sensor_size_mm=35.0, baseline_mm=50.0, focus_distance_m=7.2
+)
+DISPARITY = np.random.default_rng(0).uniform(-0.08, 0.075, (4, 6)).astype(np.float32)
+"""Of a scene from 3.6 m to 32 m; infinitely distant points have -0.119."""
+
+depth_from_disparity = jax.jit(ops.depth_from_disparity, static_argnums=1)
+disparity_from_depth = jax.jit(ops.disparity_from_depth, static_argnums=1)
+back_project = jax.jit(ops.back_project, static_argnums=1)
 
 
-def random(*shape, seed=0, low=0.0, high=1.0):
-    return np.random.default_rng(seed).uniform(low, high, shape).astype(np.float32)
+def published_depth(disparity):
+    """``beta * f_d / (d * f_d * sensor + beta)``, in the units of ``parameters.cfg``."""
+    beta = 50.0 * 100.0 * 6
+    focus_mm = 7200.0
+    depth = [beta * focus_mm / (float(d) * focus_mm * 35.0 + beta) for d in disparity.ravel()]
+    return np.reshape(depth, disparity.shape) / 1000.0
 
 
-@pytest.mark.parametrize("grid", [(1, 1), (1, 5), (3, 1), (9, 9), (2, 4), (5, 6)])
-def test_offsets_are_row_and_column_steps_from_the_centre_view(grid):
-    offsets = ops.view_offsets(*grid)
-    assert offsets.shape == (*grid, 2)
-    assert offsets.dtype == jnp.float32
-    np.testing.assert_array_equal(offsets, reference.view_offsets(*grid))
-    np.testing.assert_array_equal(offsets[grid[0] // 2, grid[1] // 2], 0.0)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_depth_is_that_of_the_published_formula(dtype, tolerance, x64):
+    disparity = DISPARITY.astype(dtype)
+    depth = depth_from_disparity(disparity, CAMERA)
+    assert depth.dtype == dtype
+    np.testing.assert_allclose(depth, published_depth(disparity), **tolerance(dtype))
+    np.testing.assert_allclose(depth, CAMERA.depth(disparity, (4, 6)), **tolerance(dtype))
 
 
-class TestSlantedPlane:
-    """A plane of known slanted disparity, its texture and all its views in closed form."""
+def test_focal_length_in_pixels_follows_the_longer_side(tolerance):
+    portrait = depth_from_disparity(DISPARITY.T, CAMERA)
+    landscape = depth_from_disparity(DISPARITY, CAMERA)
+    np.testing.assert_allclose(portrait, np.asarray(landscape).T, **tolerance("float32"))
 
-    size = (9, 11)
-    plane = (0.4, 0.05, -0.07)
+
+def test_disparity_from_depth_is_the_inverse(tolerance):
+    again = disparity_from_depth(depth_from_disparity(DISPARITY, CAMERA), CAMERA)
+    np.testing.assert_allclose(again, DISPARITY, **tolerance("float32"))
+
+
+def test_depth_is_infinite_beyond_the_disparity_of_infinity():
+    at_infinity = -(100.0 / 35.0 * 3) * 0.05 / 7.2  # -f b / focus
+    disparity = np.float32([[at_infinity - 1e-6, -100.0, np.nan]])
+    depth = np.asarray(depth_from_disparity(disparity, CAMERA))
+    np.testing.assert_array_equal(depth, [[np.inf, np.inf, np.nan]])
+    back = disparity_from_depth(np.float32([[np.inf, np.inf, np.inf]]), CAMERA)
+    np.testing.assert_allclose(back, at_infinity, rtol=1e-6)
+
+
+def test_impossible_depth_has_no_disparity_and_no_point():
+    depth = np.float32([[0.0, -1.0, np.nan]])
+    assert np.isnan(disparity_from_depth(depth, CAMERA)).all()
+    assert np.isnan(back_project(depth, CAMERA)).all()
+    assert np.isnan(back_project(np.float32([[np.inf]]), CAMERA)).all()
+
+
+def test_points_project_onto_their_pixels():
+    depth = np.random.default_rng(1).uniform(0.5, 20.0, (4, 6)).astype(np.float32)
+    points = np.asarray(back_project(depth, CAMERA), np.float64)
+    focal_length = 100.0 / 35.0 * 6
+    for y, x in np.ndindex(4, 6):
+        right, up, towards_viewer = points[y, x]
+        assert -towards_viewer == pytest.approx(depth[y, x])
+        assert 2.5 + focal_length * right / -towards_viewer == pytest.approx(x, abs=1e-5)
+        assert 1.5 - focal_length * up / -towards_viewer == pytest.approx(y, abs=1e-5)
+
+
+def test_derivatives(x64):
+    assert_derivatives(lambda d: ops.depth_from_disparity(d, CAMERA), DISPARITY)
+    depth = 1.0 + np.abs(DISPARITY)
+    assert_derivatives(lambda z: ops.disparity_from_depth(z, CAMERA), depth)
+    assert_derivatives(lambda z: ops.back_project(z, CAMERA), depth)
+    depth[:, 3:] += 1.0  # an edge
+    assert_derivatives(lambda z: ops.surface_normals(ops.back_project(z, CAMERA)), depth)
+
+
+def test_gradients_are_zero_where_there_is_no_value():
+    def total(values, function):
+        result = function(values, CAMERA)
+        return jnp.where(jnp.isfinite(result), result, 0.0).sum()
+
+    distant = jax.grad(total)(jnp.array([[0.0, -100.0]]), ops.depth_from_disparity)
+    assert distant[0, 1] == 0.0
+    # dZ/dd = -Z^2 / (f b) at the focus: f = 100 / 35 * 2.
+    np.testing.assert_allclose(distant[0, 0], -(7.2**2) / (100 / 35 * 2 * 0.05), rtol=1e-5)
+    for function in (ops.disparity_from_depth, ops.back_project):
+        gradient = jax.grad(total)(jnp.array([[1.0, 0.0, -1.0]]), function)
+        assert np.isfinite(gradient).all()
+        assert gradient[0, 0] != 0.0
+        assert gradient[0, 1:].tolist() == [0.0, 0.0]
+
+
+class TestNormals:
+    size = (60, 80)
+    camera = Calibration(
+        focal_length_mm=50.0, sensor_size_mm=35.0, baseline_mm=40.0, focus_distance_m=3.0
+    )
+    facing = np.array([0.0, 0.0, 1.0])
+
+    def rays(self):
+        """``[h, w, 3]`` directions of the pixels, one metre along the optical axis."""
+        height, width = self.size
+        focal_length = 50.0 / 35.0 * width
+        y, x = np.mgrid[:height, :width]
+        right, up = (x - (width - 1) / 2) / focal_length, ((height - 1) / 2 - y) / focal_length
+        return np.stack([right, up, -np.ones(self.size)], axis=-1)
+
+    def plane_depth(self, normal, distance):
+        """Depth of the plane ``normal . P = -distance``, where depth times the ray is on it."""
+        return -distance / (self.rays() @ normal)
+
+    def sphere_depth(self, centre, radius):
+        """Depth of the nearer crossing of each ray with a sphere; infinite without one."""
+        directions = self.rays()
+        a, b = (directions**2).sum(-1), directions @ centre
+        root = b**2 - a * (centre @ centre - radius**2)
+        return np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
+
+    def of_depth(self, depth, edge=3.0):
+        function = jax.jit(lambda z: ops.surface_normals(back_project(z, self.camera), edge=edge))
+        return np.asarray(function(depth))
+
+    def of_rounded_disparity(self, depth):
+        """Normals from ``f b (1 / Z - 1 / focus)``, rounded as in a file."""
+        disparity = (50.0 / 35.0 * 80 * 0.04 * (1 / depth - 1 / 3.0)).astype(np.float32)
+        return self.of_depth(depth_from_disparity(disparity, self.camera))
 
     @staticmethod
-    def inside(disparity, grid, size):
-        """Where each view still has the point that the centre view sees, ``[v, u, h, w]``."""
-        offsets = reference.view_offsets(*grid)[:, :, None, None]
-        y, x = np.meshgrid(np.arange(size[0]), np.arange(size[1]), indexing="ij")
-        row, column = y - disparity * offsets[..., 0], x - disparity * offsets[..., 1]
-        return (row >= 0) & (row <= size[0] - 1) & (column >= 0) & (column <= size[1] - 1)
+    def unit(*vector):
+        return np.array(vector) / np.linalg.norm(vector)
 
-    @pytest.mark.parametrize("grid", [(3, 3), (1, 5), (4, 2)])
-    def test_true_disparity_brings_an_affine_texture_into_exact_register(self, grid, tolerance):
-        """Bilinear interpolation of an affine image is exact, so this is too."""
-        views, disparity = reference.slanted_plane(
-            grid, self.size, self.plane, lambda y, x: 0.2 + 0.03 * y - 0.05 * x
+    @staticmethod
+    def degrees(found, expected):
+        return np.degrees(2 * np.arcsin(np.linalg.norm(found - expected, axis=-1) / 2))
+
+    @pytest.mark.parametrize(
+        "normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 1.0), (0.0, -0.8, 1.0), (-0.5, 0.9, 0.7)]
+    )
+    def test_plane_has_its_normal_everywhere(self, normal):
+        normal = self.unit(*normal)
+        normals = self.of_rounded_disparity(self.plane_depth(normal, 2.0))
+        np.testing.assert_allclose(normals, np.broadcast_to(normal, normals.shape), atol=1e-3)
+
+    def test_plane_is_exact_in_double_precision(self, x64):
+        normal = self.unit(-0.5, 0.9, 0.7)
+        normals = self.of_depth(self.plane_depth(normal, 2.0))
+        np.testing.assert_allclose(normals, np.broadcast_to(normal, normals.shape), atol=1e-10)
+
+    def test_sphere_in_front_of_a_wall(self):
+        centre, radius = np.array([0.1, 0.05, -2.0]), 0.4
+        wall_normal = self.unit(0.2, 0.1, 1.0)
+        sphere, wall = self.sphere_depth(centre, radius), self.plane_depth(wall_normal, 3.5)
+        on_sphere = np.isfinite(sphere)
+        assert 500 < on_sphere.sum() < 2500
+        normals = self.of_rounded_disparity(np.where(on_sphere, sphere, wall))
+        # The outline of the sphere does not show in the wall.
+        np.testing.assert_allclose(
+            normals[~on_sphere], np.broadcast_to(wall_normal, normals[~on_sphere].shape), atol=1e-3
         )
-        inside = self.inside(disparity, grid, self.size)
-        assert inside.mean() > 0.8
-        views, disparity = np.float32(views), np.float32(disparity)
-        warped = np.asarray(jax.jit(ops.warp_views)(views, disparity))
-        centre = np.broadcast_to(views[grid[0] // 2, grid[1] // 2], views.shape)
-        np.testing.assert_allclose(warped[inside], centre[inside], **tolerance("float32"))
-        maps = np.asarray(jax.jit(ops.occlusion_maps)(views, disparity))
-        np.testing.assert_allclose(maps[inside], 0.0, **tolerance("float32"))
+        directions = self.rays()[on_sphere]
+        exact = (directions * sphere[on_sphere, None] - centre) / radius
+        towards_viewer = -(exact * directions).sum(-1) / np.linalg.norm(directions, axis=-1)
+        error = self.degrees(normals[on_sphere], exact)
+        assert error[towards_viewer > 0.5].max() < 0.5  # seen at less than 60 degrees
+        assert np.median(error) < 0.1
+        # The outermost of its 23 pixels, seen one-sidedly, spans the angle acos(1 - 1 / 23).
+        assert error.max() < np.degrees(np.arccos(1 - 1 / 23))
 
-    def test_true_disparity_registers_a_curved_texture_within_the_interpolation_error(self):
-        views, disparity = reference.slanted_plane(
-            (3, 3), self.size, self.plane, lambda y, x: np.sin(0.7 * y + 0.3) + np.cos(0.5 * x)
-        )
-        inside = self.inside(disparity, (3, 3), self.size)
-        warped = np.asarray(jax.jit(ops.warp_views)(np.float32(views), np.float32(disparity)))
-        # |f_yy| / 8 + |f_xx| / 8; seen obliquely the texture is up to 1 / 0.88 times finer
-        bound = (0.7**2 + 0.5**2) / 8 / 0.88**2
-        assert np.abs(warped - views[1, 1])[inside].max() < bound
-        wrong = np.asarray(jax.jit(ops.warp_views)(np.float32(views), np.float32(-disparity)))
-        assert np.abs(wrong - views[1, 1])[inside].max() > 5 * bound
+    def test_normals_are_unit_vectors_that_face_the_viewer(self):
+        depth = np.random.default_rng(0).uniform(1.0, 5.0, self.size).astype(np.float32)
+        normals = self.of_depth(depth)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-5)
+        assert ((normals * self.rays()).sum(-1) < 0).all()
 
-    def test_variance_of_a_ramp_grows_with_the_square_of_the_error_in_disparity(self, tolerance):
-        """Error e moves view (dv, du) by e: it shows ``e * (a dv + b du)`` too much.
+    def test_step_between_two_walls_shows_on_neither(self):
+        depth = np.full(self.size, 4.0, np.float32)
+        depth[20:40, 30:60] = 2.0
+        normals = self.of_depth(depth)
+        np.testing.assert_allclose(normals, np.broadcast_to(self.facing, normals.shape), atol=1e-4)
+        # Without the rule for edges it shows.
+        assert self.degrees(self.of_depth(depth, edge=np.inf), self.facing).max() > 80.0
 
-        Over a 3x3 grid the mean of dv^2 and of du^2 is 2/3, that of dv * du zero.
-        """
-        slope_y, slope_x = 0.3, -0.2
-        views, _ = reference.slanted_plane(
-            (3, 3), self.size, (0.5, 0.0, 0.0), lambda y, x: slope_y * y + slope_x * x
-        )
-        candidates = np.array([0.0, 0.5, 0.75, 1.5], np.float32)
-        volume = jax.jit(ops.coarse_volume, static_argnames="combine")(
-            np.float32(views), candidates, combine=ops.mean_and_variance
-        )
-        variance = (candidates - 0.5) ** 2 * (slope_y**2 + slope_x**2) * 2 / 3
-        expected = np.broadcast_to(variance[:, None, None], (4, 5, 7))
-        interior = volume[:, 2:-2, 2:-2, 1]
-        np.testing.assert_allclose(interior, expected, **tolerance("float32"))
+    def test_missing_points_are_stepped_around(self):
+        normal = self.unit(0.3, 0.2, 1.0)
+        depth = self.plane_depth(normal, 2.0).astype(np.float32)
+        depth[10, 10:13] = np.nan
+        depth[30, 40], depth[30, 42] = np.inf, 0.0
+        normals = self.of_depth(depth)
+        missing = np.isnan(normals).all(-1)
+        expected = ~(np.isfinite(depth) & (depth > 0))
+        expected[30, 41] = True  # no neighbour on either side
+        np.testing.assert_array_equal(missing, expected)
+        present = normals[~missing]
+        np.testing.assert_allclose(present, np.broadcast_to(normal, present.shape), atol=1e-3)
 
-    def test_the_operations_together_recover_the_disparity_of_the_plane(self):
-        """Variance as cost, coarse then refined, as in the cascade but without learning."""
-        size = (20, 22)
-        views, truth = reference.slanted_plane(
-            (5, 5), size, (-0.3, 0.03, 0.02), lambda y, x: np.sin(0.9 * y + 0.4 * x) + np.cos(x)
-        )
+    @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (3, 3)])
+    def test_lines_and_coinciding_points_have_no_normals(self, shape):
+        assert np.isnan(ops.surface_normals(jnp.ones((*shape, 3)))).all()
 
-        @jax.jit
-        def estimate(views, weights):
-            candidates = jnp.linspace(-1.0, 1.0, 9)
-            coarse_costs = ops.coarse_volume(views, candidates, combine=ops.mean_and_variance)
-            coarse = ops.soft_argmin(100.0 * coarse_costs[..., 1], candidates)
-            residuals = jnp.linspace(-0.25, 0.25, 9)
-            refined_costs = ops.refined_volume(
-                views, coarse, residuals, combine=ops.mean_and_variance
-            )
-            return coarse, coarse + ops.soft_argmin(weights * refined_costs[..., 1], residuals)
+    def test_gradients_are_finite_next_to_missing_points(self):
+        def slant(depth):
+            normals = ops.surface_normals(ops.back_project(depth, self.camera))
+            return jnp.where(jnp.isfinite(normals), normals, 0.0)[..., 0].sum()
 
-        coarse, refined = (np.asarray(m) for m in estimate(np.float32(views), np.float32(1000.0)))
-        interior = (slice(3, -3), slice(3, -3))
-        assert np.abs(coarse - truth)[interior].mean() < 0.1
-        assert np.abs(refined - truth)[interior].mean() < 0.03
-
-
-def flip_rows(array, grid_axes, pixel_axes):
-    return np.flip(array, (*grid_axes[:1], *pixel_axes[:1]))
-
-
-def flip_columns(array, grid_axes, pixel_axes):
-    return np.flip(array, (*grid_axes[1:], *pixel_axes[1:]))
-
-
-def transpose(array, grid_axes, pixel_axes):
-    for axes in (grid_axes, pixel_axes):
-        if axes:
-            array = np.swapaxes(array, *axes)
-    return array
-
-
-def rotate(array, grid_axes, pixel_axes):
-    for axes in (grid_axes, pixel_axes):
-        if axes:
-            array = np.rot90(array, axes=axes)
-    return array
-
-
-CANDIDATES = jnp.array([-1.3, 0.0, 0.45])
-
-
-def unfolded(volume, views):
-    """A concatenated volume ``[d, h, w, v * u * c]`` as ``[v, u, h, w, c, d]``."""
-    v, u, h, w, c = views.shape
-    return volume.reshape(-1, h, w, v, u, c).transpose(3, 4, 1, 2, 5, 0)
-
-
-def coarse(views, disparity):
-    return unfolded(ops.coarse_volume(views, CANDIDATES), views)
-
-
-def refined(views, disparity):
-    return unfolded(ops.refined_volume(views, disparity, CANDIDATES), views)
-
-
-def weights(views, disparity):
-    return ops.occlusion_weights(ops.occlusion_maps(views, disparity, border="zero"))
-
-
-OPERATIONS = {
-    function.__name__: jax.jit(function) for function in (ops.warp_views, coarse, refined, weights)
-}
-"""All give ``[v, u, h, w, ...]``."""
-
-
-@pytest.mark.parametrize("operation", OPERATIONS)
-@pytest.mark.parametrize("symmetry", [flip_rows, flip_columns, transpose, rotate])
-def test_views_and_images_transformed_together_transform_the_answer(operation, symmetry, tolerance):
-    views = random(3, 3, 4, 5, 2)
-    disparity = random(4, 5, seed=1, low=-2.0, high=2.0)
-    function = OPERATIONS[operation]
-    expected = symmetry(np.asarray(function(views, disparity)), (0, 1), (2, 3))
-    moved = symmetry(views, (0, 1), (2, 3)), symmetry(disparity, (), (0, 1))
-    actual = function(*(np.ascontiguousarray(each) for each in moved))
-    np.testing.assert_allclose(actual, expected, **tolerance("float32"))
-
-
-@pytest.mark.parametrize("shear", [1, -2])
-def test_shearing_the_views_adds_to_the_disparity(shear, tolerance):
-    """View (v, u) moved by -s (v - v0), -s (u - u0): every point has s more disparity."""
-    views = random(3, 3, 10, 11, 1)
-    disparity = random(10, 11, seed=1, low=-1.0, high=1.0)
-    sheared = views.copy()
-    for v, u in np.ndindex(3, 3):
-        sheared[v, u] = np.roll(views[v, u], (-shear * (v - 1), -shear * (u - 1)), (0, 1))
-    interior = np.s_[:, :, 4:-4, 4:-4]  # beyond the reach of what was rolled around
-    warp_views = OPERATIONS["warp_views"]
-    expected = warp_views(views, disparity)[interior]
-    actual = warp_views(sheared, disparity + np.float32(shear))[interior]
-    np.testing.assert_allclose(actual, expected, **tolerance("float32"))
-    volume = jax.jit(ops.coarse_volume)
-    expected = volume(views, CANDIDATES)[interior[1:]]
-    actual = volume(sheared, CANDIDATES + float(shear))[interior[1:]]
-    np.testing.assert_allclose(actual, expected, **tolerance("float32"))
+        depth = jnp.ones((4, 5)).at[1, 2].set(jnp.nan).at[2, 2].set(jnp.inf).at[3, 3].set(1.01)
+        gradient = jax.grad(slant)(depth)
+        assert np.isfinite(gradient).all()
+        assert float(jnp.abs(gradient).max()) > 0.1
+        assert gradient[1, 2] == 0.0

@@ -1,4 +1,4 @@
-"""NumPy loops for the edge-aware filters: one pixel at a time, straight from the papers."""
+"""NumPy loops for the edge-aware filters, one pixel at a time, as in the papers."""
 
 import itertools
 
@@ -18,8 +18,8 @@ def box_filter(image, radius):
     return result
 
 
-def surroundings(guides, radius, passes):
-    """What each pixel gathers of each other one, as a dense matrix over all pixels, row by row."""
+def neighbourhoods(guides, radius, passes):
+    """Return the weight of each pixel in the neighbourhood of each other one, a dense matrix."""
     height, width = guides.shape[1:]
     pixels = [(y, x) for y in range(height) for x in range(width)]
 
@@ -48,17 +48,17 @@ def surroundings(guides, radius, passes):
 
 
 def edge_aware_mean(values, guides, radius, passes):
-    """Means weighted by the surroundings."""
-    weights = surroundings(guides, radius, passes)
+    """Compute the means over the neighbourhoods."""
+    weights = neighbourhoods(guides, radius, passes)
     weights = weights / weights.sum(1, keepdims=True)
     return np.stack([(weights @ value.ravel()).reshape(value.shape) for value in values])
 
 
 def fit_planes(values, weights, guides, radius, ridge, passes):
-    """Weighted least squares at each pixel, its neighbourhood as a dense matrix."""
+    """Solve the weighted least squares problem of each pixel."""
     height, width = values.shape
     pixels = [(y, x) for y in range(height) for x in range(width)]
-    neighbourhood = surroundings(guides, radius, passes)
+    neighbourhood = neighbourhoods(guides, radius, passes)
     result = np.empty(len(pixels))
     for i, (y, x) in enumerate(pixels):
         weight = neighbourhood[i] * weights.ravel()

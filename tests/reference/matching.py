@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from tests.reference.filtering import box_filter
+
 
 def bilinear(image, y, x):
-    """One sample at real coordinates, borders replicated."""
+    """Read one sample at real coordinates, borders replicated."""
     row, column = int(np.floor(y)), int(np.floor(x))
     total = 0.0
     for down in (0, 1):
@@ -16,51 +18,49 @@ def bilinear(image, y, x):
     return total
 
 
+def sector(offset):
+    """Return the sector of a view: its direction in steps of 45 degrees."""
+    return round(np.arctan2(offset[0], offset[1]) / (np.pi / 4)) % 8
+
+
+def other_views(offsets):
+    """Yield index, offset and sector of all views but the centre view."""
+    v, u = offsets.shape[:2]
+    for index in np.ndindex(v, u):
+        if index != (v // 2, u // 2):
+            yield index, offsets[index], sector(offsets[index])
+
+
 def sector_sums(features, candidates, truncation, offsets):
-    """Sums of truncated differences over the views of each sector."""
+    """Sum truncated differences over the views of each sector, and count these views."""
     v, u, height, width, _ = features.shape
-    sums = np.zeros((len(candidates), 8, height, width))
-    for k, y, x in np.ndindex(len(candidates), height, width):
-        for row, column in np.ndindex(v, u):
-            down, right = offsets[row, column]
-            if down == right == 0:
-                continue
-            seen = bilinear(
-                features[row, column], y - candidates[k] * down, x - candidates[k] * right
-            )
+    sums, counts = np.zeros((len(candidates), 8, height, width)), np.zeros(8)
+    for index, (down, right), number in other_views(offsets):
+        counts[number] += 1
+        for k, y, x in np.ndindex(len(candidates), height, width):
+            seen = bilinear(features[index], y - candidates[k] * down, x - candidates[k] * right)
             difference = np.abs(seen - features[v // 2, u // 2, y, x])
-            sector = round(np.arctan2(down, right) / (np.pi / 4)) % 8
-            sums[k, sector, y, x] += np.minimum(difference / truncation, 1).mean()
-    return sums
+            sums[k, number, y, x] += np.minimum(difference / truncation, 1).mean()
+    return sums, counts
 
 
-def aperture_costs(features, candidates, truncation, reach):
-    """Without averaging over windows; ``reach`` sectors on either side make a part."""
-    v, u, height, width, _ = features.shape
-    costs = np.empty((len(candidates), height, width))
-    for k, y, x in np.ndindex(*costs.shape):
-        departures, directions = [], []
-        for row, column in np.ndindex(v, u):
-            down, right = row - v // 2, column - u // 2
-            if down == right == 0:
-                continue
-            seen = bilinear(
-                features[row, column], y - candidates[k] * down, x - candidates[k] * right
-            )
-            difference = np.abs(seen - features[v // 2, u // 2, y, x])
-            departures.append(np.minimum(difference / truncation, 1).mean())
-            directions.append(round(np.arctan2(down, right) / (np.pi / 4)) % 8)
-        means = [np.mean(departures)]
-        for middle in range(8):
-            apart = [min((s - middle) % 8, (middle - s) % 8) for s in directions]
-            weights = [1.0 if a < reach else 0.5 if a == reach else 0.0 for a in apart]
-            if sum(weights) > 0:
-                means.append(np.average(departures, weights=weights))
-        costs[k, y, x] = min(means)
-    return costs
+def aperture_costs(features, candidates, truncation, offsets, radius=0):
+    """Compute the least of the mean costs over the aperture and over its eight quarters."""
+    sums, counts = sector_sums(features, candidates, truncation, offsets)
+    sums = np.array([[box_filter(image, radius) for image in volume] for volume in sums])
+    parts = [np.ones(8)]
+    for middle in range(8):
+        quarter = np.zeros(8)
+        quarter[[middle, middle - 1, (middle + 1) % 8]] = 1.0, 0.5, 0.5
+        parts.append(quarter)
+    means = [
+        np.tensordot(part, sums, (0, 1)) / (part @ counts) for part in parts if part @ counts > 0
+    ]
+    return np.min(means, axis=0)
 
 
 def semi_global(costs, guide, small_penalty, large_penalty, guide_scale):
+    """Aggregate costs along eight paths, one pixel at a time."""
     candidates, height, width = costs.shape
     total = np.zeros_like(costs)
     for dy, dx in [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)]:

@@ -1,12 +1,12 @@
-"""The published network, written again in NumPy and float64 as the text describes it.
+"""The published network in NumPy and float64, as the paper describes it.
 
 An independent truth for the Flax network: it shares no code with the library and was checked
-against activations of the published implementation. It favours being obviously right over being
-fast: a convolution is a sum over kernel taps, a volume a loop over candidates and views.
+against activations of the published implementation. It is simple rather than fast: a convolution
+is a sum over kernel taps, a volume is a loop over candidates and views.
 
 Weights come as :class:`Weights`, three lists in the order in which the layers are created; widths
-follow from the arrays. What is fixed is the published structure: four groups of residual blocks,
-spatial pyramid pooling, and two stages (coarse, refined).
+follow from the arrays. The published structure is fixed: four groups of residual blocks, spatial
+pyramid pooling, and two stages (coarse, refined).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Weights:
         )
 
     def coarse(self) -> tuple[Iterator, Iterator, Iterator]:
-        """Kernels, 3-D kernels and BatchNorms of features and first stage, to be used in turn."""
+        """Iterators over kernels, 3-D kernels, BatchNorms of the features and the first stage."""
         half = len(self.conv3d) // 2
         normalization = self.batch_normalization[:-STAGE_NORMALIZATIONS]
         return iter(self.conv2d), iter(self.conv3d[:half]), iter(normalization)

@@ -1,7 +1,7 @@
-"""The operations of ``occjax.ops`` written again in NumPy and float64, one pixel at a time.
+"""The operations of ``occjax.ops`` in NumPy and float64, one pixel at a time.
 
 An independent truth: every function follows its formula literally, shares no code with the library
-and favours being obviously right over being fast. Bilinear interpolation is a sum over all pixels,
+and is simple rather than fast. Bilinear interpolation is a sum over all pixels,
 each weighted by its hat function, so that no floor, clamp or tap order can be wrong in both.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def view_offsets(v: int, u: int) -> np.ndarray:
-    """``[v, u, 2]`` row and column of each view less those of the centre view."""
+    """``[v, u, 2]`` row and column of each view minus those of the centre view."""
     offsets = np.zeros((v, u, 2))
     for row, column in np.ndindex(v, u):
         offsets[row, column] = row - v // 2, column - u // 2

@@ -1,4 +1,4 @@
-"""The reference is itself checked, against the published implementation's activations."""
+"""Checks of the reference itself against activations of the published implementation."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_published_shapes_hold_the_published_number_of_values():
 
 
 @pytest.mark.parametrize("first_number", [0, 7])
-def test_a_written_file_reads_back_the_same_weights(tmp_path, first_number):
+def test_written_file_reads_back_the_same_weights(tmp_path, first_number):
     weights, _ = load_fixture()
     write_published_layout(tmp_path / "small.h5", weights, first_number=first_number)
     read = read_published_layout(tmp_path / "small.h5")

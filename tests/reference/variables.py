@@ -1,14 +1,14 @@
-"""Random variables of a network, made by NumPy: compiling ``init`` takes longer than most tests."""
+"""Random variables of a model, drawn by NumPy: compiling ``init`` takes longer than most tests."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from occjax.models import NetworkConfig, variable_shapes
+from occjax.models import ModelConfig, variable_shapes
 
 
-def random_variables(config: NetworkConfig, seed: int = 0) -> dict:
-    """Kernels scaled by their fan-in; scales and variances near one, the rest near zero."""
+def random_variables(config: ModelConfig, seed: int = 0) -> dict:
+    """Draw kernels scaled by their fan-in, scales and variances near one, the rest near zero."""
     generator = np.random.default_rng(seed)
 
     def draw(path, leaf):

@@ -1,19 +1,18 @@
-"""A source of textured planes of known disparity, and a network small enough to train in tests."""
+"""Batches of textured planes of known disparity, and networks that compile fast."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.data.samples import Sample
-from occjax.models import FeatureConfig, NetworkConfig, StageConfig
-from occjax.models.config import Residual
-from occjax.ops import view_offsets
+from occjax.data.samples import LightFieldSample
+from occjax.lightfield import view_offsets
+from occjax.models import AggregationConfig, FeatureConfig, OccCasNetConfig, StageConfig, preset
+from occjax.models.proposal import SelectorConfig
 from occjax.training import OptimiserConfig, TrainConfig
 from tests.scenes import plane
 
-SIZE = (12, 14)
-_STAGE = {"aggregation": Residual(width=4, pairs=0), "attention": False}
-NETWORK = NetworkConfig(
+_STAGE = {"aggregation": AggregationConfig(width=4, pairs=0), "attention": False}
+NETWORK = OccCasNetConfig(
     stages=(
         StageConfig((-1.5, -0.5, 0.5, 1.5), **_STAGE),
         StageConfig((-0.5, 0.0, 0.5), occlusion="coarse", **_STAGE),
@@ -23,17 +22,19 @@ NETWORK = NetworkConfig(
         widths=(4, 4), blocks=(1, 1), dilations=(1, 1), pooled=(2,), pooled_width=2, fused=4
     ),
 )
-"""Both kinds of stages in as few layers as can be: compiling them is most of these tests' time."""
+"""Both kinds of stages in as few layers as possible: these tests spend most time compiling."""
+
+PROPOSAL_NETWORK = preset("proposal_small", selector=SelectorConfig(8, (8,)))
 
 
-def planes(step, count=2, size=SIZE):
-    """A batch of planes, a function of the step alone."""
+def planes(step, count=2, size=(12, 14)):
+    """Return a batch of planes, a function of the step."""
     generator = np.random.default_rng(step)
     fields = [
         plane(size=size, disparity=generator.uniform(-1.2, 1.2), seed=generator.integers(10**6))
         for _ in range(count)
     ]
-    return Sample(
+    return LightFieldSample(
         views=jnp.stack([field.grey() for field in fields]),
         offsets=jnp.stack([view_offsets(3, 3)] * count),
         disparity=jnp.stack([field.ground_truth for field in fields]),
@@ -44,12 +45,12 @@ def planes(step, count=2, size=SIZE):
 
 @pytest.fixture(scope="session")
 def source():
-    """Batches of two textured planes."""
+    """Source of batches of two textured planes."""
     return planes
 
 
 @pytest.fixture(scope="session")
 def six_steps():
-    """A training of six steps."""
+    """Settings of a training of six steps."""
     optimiser = OptimiserConfig(peak_rate=3e-3, warm_up=2, clip=1.0)
     return TrainConfig(NETWORK, optimiser=optimiser, steps=6)

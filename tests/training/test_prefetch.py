@@ -1,20 +1,20 @@
-"""Batches made ahead."""
+"""Batches that are prepared ahead."""
 
 import threading
 import time
 
 import pytest
 
-from occjax.data.samples import Sample
+from occjax.data.samples import LightFieldSample
 from occjax.training.prefetch import prefetch
 
 
 def numbered(step):
-    """Something that stands for the batch of a step."""
-    return Sample(*[step] * len(Sample._fields))
+    """Return a stand-in for the batch of a step."""
+    return LightFieldSample(*[step] * len(LightFieldSample._fields))
 
 
-def test_batches_come_in_order_and_once():
+def test_batches_come_in_order():
     made = []
 
     def source(step):
@@ -26,7 +26,7 @@ def test_batches_come_in_order_and_once():
     assert made == [3, 4, 5, 6, 7]
 
 
-def test_only_so_many_are_made_ahead_and_in_another_thread():
+def test_batches_are_made_ahead_in_another_thread_up_to_the_limit():
     made = []
 
     def source(step):
@@ -42,7 +42,7 @@ def test_only_so_many_are_made_ahead_and_in_another_thread():
     assert len(made) == 3
 
 
-def test_an_error_of_the_source_arrives_at_its_step():
+def test_an_error_of_the_source_is_raised_at_its_step():
     def source(step):
         if step == 2:
             raise ValueError("torn")

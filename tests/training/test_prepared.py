@@ -1,30 +1,40 @@
-"""Light fields prepared for a choice: what is kept, and that turning them is turning the views."""
+"""Prepared light fields: rounding, symmetries, folders, and the choice of patches."""
 
-import json
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.data import transforms
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.pool import render_pool
-from occjax.data.scene_config import SceneConfig
+from occjax.data.pool import read_sample, render_pool
+from occjax.data.procedural import SceneConfig
+from occjax.data.samples import to_device
+from occjax.data.transforms import turn_sample
 from occjax.errors import InputError
-from occjax.io.claims import read_description, write_description
-from occjax.models import Choice, OccCasNet, preset
+from occjax.io.run_folder import read_description, write_description
+from occjax.models import preset
+from occjax.models.proposal import RefinementConfig, SelectorConfig
 from occjax.training import prepared
-from occjax.training.prepared import FINENESS, pack, prepared_source, unpack
+from occjax.training.prepared import (
+    DISPARITY_STEPS,
+    PackedProposals,
+    PatchConfig,
+    PreparedSample,
+    pack,
+    prepared_source,
+    unpack,
+)
 
-NETWORK = preset("light_small")
+NETWORK = preset("proposal_small")
+OFFSETS = NETWORK.proposals.offsets
 AUGMENTATION = AugmentationConfig(crop=(16, 16), noise=0.0)
 SCENES = SceneConfig(image_size=(32, 32), grid=(3, 3), sheets=2, solids=1, rays=1)
 
 
 @pytest.fixture(scope="module")
 def pool(tmp_path_factory):
+    """Render a pool of three light fields."""
     folder = tmp_path_factory.mktemp("pools") / "pool"
     render_pool(folder, 3, SCENES, seed=0, progress=False)
     return folder
@@ -32,13 +42,12 @@ def pool(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sample(pool):
-    return prepared.to_device(prepared.read_sample(pool / "000001.npz"))
+    return to_device(read_sample(pool / "000001.npz"))
 
 
 @jax.jit
 def proposals_of(sample):
-    network = OccCasNet(NETWORK)
-    return network.apply({}, sample.views, sample.offsets, method="propose")
+    return prepared.propose(sample, NETWORK)[0]
 
 
 @pytest.fixture(scope="module")
@@ -46,163 +55,139 @@ def proposals(sample):
     return proposals_of(sample)
 
 
-def roots(proposals):
-    """Of the costs, in which they are kept."""
-    return np.sqrt(np.asarray(proposals.costs, np.float32))
+def cost_roots(proposals):
+    """Return the square roots of the costs, which are stored."""
+    return np.sqrt(np.asarray(proposals.costs.channels, np.float32))
 
 
-def test_what_is_packed_is_what_is_unpacked(proposals):
+def test_unpacked_proposals_equal_the_packed_ones_up_to_rounding(proposals):
     again = unpack(pack(proposals))
     np.testing.assert_array_equal(again.disparity, proposals.disparity)
-    np.testing.assert_allclose(again.proposed, proposals.proposed, atol=0.51 / FINENESS)
+    np.testing.assert_allclose(again.proposed, proposals.proposed, atol=0.51 / DISPARITY_STEPS)
     np.testing.assert_allclose(again.centre, np.clip(proposals.centre, 0, 1), atol=0.51 / 255)
-    np.testing.assert_allclose(roots(again), roots(proposals), atol=0.51 / 255 + 5e-4)
-    np.testing.assert_allclose(again.spread, proposals.spread, rtol=1e-3)
+    np.testing.assert_allclose(cost_roots(again), cost_roots(proposals), atol=0.51 / 255 + 5e-4)
+    np.testing.assert_allclose(again.log_variance, proposals.log_variance, rtol=1e-3)
+    np.testing.assert_allclose(again.peak_probability, proposals.peak_probability, rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["transpose", "flip_rows", "flip_columns"])
-def test_turning_what_is_prepared_is_preparing_what_is_turned(name, sample, proposals):
-    """All but the second candidate, for whose choice noise is enough."""
+@pytest.mark.parametrize("symmetry", ["transpose", "flip_rows", "flip_columns"])
+def test_turning_prepared_light_fields_equals_preparing_turned_ones(symmetry, sample, proposals):
+    """The second-best disparity of the search is not compared: noise decides which one it is."""
 
     def packed(proposals):
         return jax.tree.map(
-            np.asarray, prepared.PreparedSample(pack(proposals), sample.disparity, sample.valid)
+            np.asarray, PreparedSample(pack(proposals), sample.disparity, sample.valid)
         )
 
-    turned = getattr(prepared, name)(packed(proposals), NETWORK.stages[1].neighbours).packed
-    expected = packed(proposals_of(getattr(transforms, name)(sample))).packed
+    turned = prepared.turn_prepared(packed(proposals), symmetry, OFFSETS).packed
+    expected = packed(proposals_of(turn_sample(sample, symmetry))).packed
     difference = np.abs(turned.disparity - expected.disparity)
-    # Planes are fitted along columns, then along rows: transposed, the other way about.
+    # Planes are fitted along columns, then along rows; transposed, in the other order.
     assert np.median(difference) < 5e-3
     same = difference < 5e-3
-    costs = np.abs(roots(unpack(turned)) - roots(unpack(expected)))
+    turned_roots, expected_roots = cost_roots(unpack(turned)), cost_roots(unpack(expected))
+    costs = np.abs(turned_roots - expected_roots)
     assert np.median(costs[0][:, same]) < 0.01
-    # Each neighbour proposes from where it now is.
+    # The neighbours propose from their changed offsets.
     moved = np.abs(unpack(turned).proposed - unpack(expected).proposed)[1:9]
     unmoved = np.abs(unpack(packed(proposals).packed).proposed - unpack(expected).proposed)[1:9]
     assert np.median(moved[:, same]) < 0.25 * np.median(unmoved[:, same])
     assert np.median(costs[1:9][..., same]) < 0.02
-    # The costs of the sectors tell them apart: in the order they had they would not agree.
-    swapped = np.abs(
-        roots(unpack(turned))[0, [4, 5, 6, 7, 0, 1, 2, 3]] - roots(unpack(expected))[0, :8]
-    )
+    # The costs of opposite sectors differ: in another order they would not agree.
+    swapped = np.abs(turned_roots[0, [4, 5, 6, 7, 0, 1, 2, 3]] - expected_roots[0, :8])
     assert swapped[:, same].mean() > 3 * costs[0, :8][:, same].mean()
 
 
-def test_a_source_gives_the_same_patches_for_the_same_step_and_keeps_what_it_made(pool, tmp_path):
-    def source():
-        return prepared_source(
-            [pool], tmp_path / "kept", NETWORK, batch_size=2, seed=3, augmentation=AUGMENTATION
-        )
-
-    first = source()(0)
-    kept = sorted(path.name for path in (tmp_path / "kept").glob("*.npz"))
-    assert len(kept) == 2
-    again = source()(0)
-    jax.tree.map(np.testing.assert_array_equal, first, again)
-    assert first.packed.costs.shape == (2, 10, 13, 16, 16)
-    assert first.disparity.shape == (2, 16, 16)
-    assert not np.array_equal(first.disparity, source()(4).disparity)
-
-
-def test_another_seed_draws_other_patches_of_what_was_prepared(pool, tmp_path):
+def test_a_source_gives_the_same_patches_for_the_same_step(pool, tmp_path):
+    folder = tmp_path / "kept"
     options = {"batch_size": 2, "augmentation": AUGMENTATION}
-    first = prepared_source([pool], tmp_path / "kept", NETWORK, seed=3, **options)
-    for step in range(2):
-        first(step)  # prepares all
-    before = {path: path.read_bytes() for path in (tmp_path / "kept").iterdir()}
-    other = prepared_source([pool], tmp_path / "kept", NETWORK, seed=4, **options)
-    assert not np.array_equal(first(0).disparity, other(0).disparity)
-    assert {path: path.read_bytes() for path in (tmp_path / "kept").iterdir()} == before
+    first = prepared_source([pool], folder, NETWORK, seed=3, **options)
+    batch = first(0)
+    assert len(list(folder.glob("*.npz"))) == 2
+    assert batch.packed.costs.shape == (2, 10, 13, 16, 16)
+    assert batch.disparity.shape == (2, 16, 16)
+    first(1)  # prepares the last light field
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    again = prepared_source([pool], folder, NETWORK, seed=3, **options)
+    jax.tree.map(np.testing.assert_array_equal, batch, again(0))
+    assert not np.array_equal(batch.disparity, again(4).disparity)
+    other = prepared_source([pool], folder, NETWORK, seed=4, **options)
+    assert not np.array_equal(batch.disparity, other(0).disparity)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_wider_layers_take_what_was_prepared_for_narrow_ones(pool, tmp_path):
+def test_only_settings_that_proposals_depend_on_must_be_the_same(pool, tmp_path):
     folder = tmp_path / "kept"
     options = {"batch_size": 1, "seed": 3, "augmentation": AUGMENTATION}
-    prepared_source([pool], folder, NETWORK, **options)(0)
-    search, choice = NETWORK.stages
-    wide = replace(NETWORK, stages=(search, replace(choice, aggregation=Choice(8, (8,)))))
-    prepared_source([pool], folder, wide, **options)
-    other = replace(NETWORK, stages=(search, replace(choice, plane_steps=1)))
-    with pytest.raises(InputError, match="plane_steps is 3, not 1"):
+    prepared_source([pool], folder, NETWORK, **options)
+    prepared_source([pool], folder, replace(NETWORK, selector=SelectorConfig(8, (8,))), **options)
+    other = replace(NETWORK, refinement=RefinementConfig(steps=1))
+    with pytest.raises(InputError, match=r"refinement\.steps is 3, not 1"):
         prepared_source([pool], folder, other, **options)
-
-
-def test_what_another_version_prepared_is_refused(pool, tmp_path):
-    options = {"batch_size": 1, "seed": 3, "augmentation": AUGMENTATION}
-    prepared_source([pool], tmp_path, NETWORK, **options)
-    description = read_description(tmp_path / "preparation.json")
-    write_description(tmp_path / "preparation.json", {**description, "version": "0.0.1"})
+    description = read_description(folder / "preparation.json")
+    write_description(folder / "preparation.json", {**description, "version": "0.0.1"})
     with pytest.raises(InputError, match=r"version is 0\.0\.1, not"):
-        prepared_source([pool], tmp_path, NETWORK, **options)
+        prepared_source([pool], folder, NETWORK, **options)
 
 
-def test_several_pools_are_drawn_from_as_one(pool, tmp_path):
+def test_several_pools_are_used_like_one(pool, tmp_path):
     other = tmp_path / "other"
     render_pool(other, 2, SCENES, seed=1, progress=False)
     options = {"batch_size": 5, "seed": 0, "augmentation": replace(AUGMENTATION, crop=(32, 32))}
     batch = prepared_source([pool, other], tmp_path / "kept", NETWORK, **options)(0)
     means = sorted(float(disparity.mean()) for disparity in batch.disparity)
-    samples = [
-        *(pool / f"{n:06d}.npz" for n in range(3)),
-        other / "000000.npz",
-        other / "000001.npz",
-    ]
+    paths = [path for folder in (pool, other) for path in folder.glob("*.npz")]
     scale = 1 / NETWORK.reach  # offsets of 1 are scaled to the network's reach
-    expected = sorted(scale * prepared.read_sample(path).disparity.mean() for path in samples)
+    expected = sorted(scale * read_sample(path).disparity.mean() for path in paths)
     np.testing.assert_allclose(means, expected, rtol=1e-4, atol=1e-5)
 
 
-def test_folders_of_something_else_and_unfit_augmentation_are_refused(pool, tmp_path):
-    (tmp_path / "letter.txt").write_text("dear", encoding="utf-8")
-    options = {"batch_size": 1, "seed": 0}
-    with pytest.raises(InputError, match="neither empty nor prepared"):
-        prepared_source([pool], tmp_path, NETWORK, augmentation=AUGMENTATION, **options)
-    with pytest.raises(InputError, match="prepared whole"):
-        prepared_source(
-            [pool],
-            tmp_path / "a",
-            NETWORK,
-            augmentation=replace(AUGMENTATION, shear=1.0),
-            **options,
+@pytest.mark.parametrize(
+    ("crop", "message"),
+    [
+        (24, "crop is 24x24 pixels; .* multiples of 16 pixels"),
+        (64, "smaller than the crop"),
+    ],
+)
+def test_crops_that_do_not_fit_are_refused(pool, tmp_path, crop, message):
+    augmentation = replace(AUGMENTATION, crop=(crop, crop))
+    with pytest.raises(InputError, match=message):
+        prepared_source([pool], tmp_path, NETWORK, batch_size=1, seed=0, augmentation=augmentation)(
+            0
         )
-    odd = replace(AUGMENTATION, crop=(24, 24))
-    with pytest.raises(InputError, match="multiples of 16 pixels"):
-        prepared_source([pool], tmp_path / "a", NETWORK, augmentation=odd, **options)
-    large = replace(AUGMENTATION, crop=(64, 64))
-    with pytest.raises(InputError, match="smaller than the crop"):
-        prepared_source([pool], tmp_path / "b", NETWORK, augmentation=large, **options)(0)
 
 
-def test_a_damaged_file_is_named(pool, tmp_path):
-    source = prepared_source(
-        [pool], tmp_path, NETWORK, batch_size=3, seed=0, augmentation=AUGMENTATION
-    )
+def test_damaged_files_and_folders_of_something_else_are_named(pool, tmp_path):
+    options = {"batch_size": 3, "seed": 0, "augmentation": AUGMENTATION}
+    source = prepared_source([pool], tmp_path / "kept", NETWORK, **options)
     source(0)
-    (tmp_path / "000002.npz").write_bytes(b"nothing")
+    (tmp_path / "kept" / "000002.npz").write_bytes(b"nothing")
     with pytest.raises(InputError, match=r"000002\.npz: is damaged"):
         source(0)
-    assert json.loads((tmp_path / "preparation.json").read_text(encoding="utf-8"))["seed"] == 0
+    with pytest.raises(InputError, match="neither empty nor prepared"):
+        prepared_source([pool], tmp_path, NETWORK, **options)
 
 
-def test_the_patch_with_most_to_mend_is_taken():
+def test_the_patch_with_most_correctable_pixels_is_used():
+    """The share of correctable pixels is that of the best of four places, drawn independently."""
     generator = np.random.default_rng(0)
     disparity = np.zeros((12, 64), np.float32)
-    disparity[:, 48:] = 0.5  # wrong there, and one proposal is right
-    packed = prepared.Packed(
-        np.zeros((12, 64), np.uint8),
-        disparity,
-        np.zeros((2, 12, 64), np.int16),
-        np.zeros((13, 2, 12, 64), np.uint8),
-        np.zeros((2, 12, 64), np.float16),
+    disparity[:, 48:] = 0.5  # wrong there, where one proposal is correct
+    packed = PackedProposals(
+        centre=np.zeros((12, 64), np.uint8),
+        disparity=disparity,
+        proposed=np.zeros((2, 12, 64), np.int16),
+        costs=np.zeros((2, 13, 12, 64), np.uint8),
+        log_variance=np.zeros((12, 64), np.float16),
+        peak_probability=np.zeros((12, 64), np.float16),
     )
-    whole = prepared.PreparedSample(packed, np.zeros((12, 64), np.float32), disparity > -1)
+    whole = PreparedSample(packed, np.zeros((12, 64), np.float32), disparity > -1)
     augmentation = AugmentationConfig(crop=(12, 12), flips=False, turns=False)
-    drawn = [prepared.patch(generator, whole, (), augmentation) for _ in range(200)]
+    drawn = [
+        prepared.random_patch(generator, whole, (), augmentation, PatchConfig()) for _ in range(200)
+    ]
     share = np.mean([patch.packed.disparity.mean() / 0.5 for patch in drawn])
     places = generator.integers(0, 53, (4000, 4))
     covered = np.clip(places + 12 - 48, 0, 12) / 12
     assert abs(share - covered.max(1).mean()) < 0.06
     assert share > 2 * covered.mean()
-    assert isinstance(drawn[0].disparity, np.ndarray)
-    assert jnp.asarray(drawn[0].disparity).shape == (12, 12)

@@ -1,22 +1,19 @@
-"""The step: gradients over the batch, the running mean, several devices, bfloat16."""
+"""The training step: gradients over the batch, moving average, several devices, bfloat16."""
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.data.samples import Sample
-from occjax.training import init_state, recipe, train_step
-from occjax.training.losses import cascade_loss
-from occjax.training.step import apply_to_batch, shardings, state_of
+from occjax.training import cascade_loss, init_state, task_of, train_step
+from occjax.training.step import shardings, state_of
 from tests.reference.variables import random_variables
 
 
 def distance(one, other):
-    """Largest difference between the leaves of two trees."""
+    """Return the largest difference between the leaves of two trees."""
     differences = jax.tree.map(lambda a, b: np.abs(np.asarray(a) - np.asarray(b)).max(), one, other)
     return max(jax.tree.leaves(differences))
 
@@ -27,7 +24,7 @@ def first_state(config):
 
 @pytest.fixture(scope="module")
 def three_steps(six_steps, source):
-    """The states before and after each of three steps, on the host, and what the steps report."""
+    """Return the states before and after each of three steps, and the metrics of the steps."""
     state = first_state(six_steps)
     states, reports = [jax.device_get(state)], []
     for step in range(3):
@@ -46,8 +43,8 @@ def test_steps_are_counted_and_change_every_parameter(three_steps):
         assert np.abs(before - after).max() > 0.0
 
 
-def test_the_running_mean_is_that_of_the_states(three_steps):
-    """Decays min(0.999, (1 + n) / (10 + n)) from the first weights on."""
+def test_the_moving_average_is_that_of_the_states(three_steps):
+    """The decay is min(0.999, (1 + n) / (10 + n)), starting from the first weights."""
     states, _ = three_steps
     for name in ("params", "batch_stats"):
         mean = jax.tree.map(np.float64, getattr(states[0], name))
@@ -60,14 +57,14 @@ def test_the_running_mean_is_that_of_the_states(three_steps):
 
 @pytest.fixture(scope="module")
 def differentiated(three_steps, six_steps, source):
-    """The loss of the batch of the third step as a function of the parameters, and its gradient."""
+    """Return a function from parameters to the loss of the third batch and its gradient."""
     states, _ = three_steps
-    batch = source(2)
+    batch, task = source(2), task_of(six_steps.network)
 
     @jax.jit
     def function(params):
         def loss(params):
-            outputs, statistics = apply_to_batch(params, states[2].batch_stats, batch, six_steps)
+            outputs, statistics = task.apply(params, states[2].batch_stats, batch)
             errors = [jnp.abs(stage.disparity - batch.disparity).mean() for stage in outputs]
             return sum(errors), (outputs, statistics)
 
@@ -76,7 +73,7 @@ def differentiated(three_steps, six_steps, source):
     return function
 
 
-def test_the_report_is_of_the_network_before_the_step(
+def test_metrics_are_those_of_the_weights_before_the_step(
     three_steps, differentiated, six_steps, source
 ):
     states, reports = three_steps
@@ -95,8 +92,8 @@ def test_the_report_is_of_the_network_before_the_step(
     assert set(reports[2]) == {*errors, "loss", "badpix", "gradient_norm"}
 
 
-def test_the_gradient_is_that_of_the_mean_over_the_batch(three_steps, differentiated):
-    """Along the gradient itself the loss of the whole batch changes by its norm."""
+def test_the_gradient_is_that_of_the_loss_of_the_whole_batch(three_steps, differentiated):
+    """A finite difference along the gradient equals its norm."""
     params = three_steps[0][2].params
     gradient = differentiated(params)[1]
     length = 1e-3 / norm(gradient)
@@ -108,7 +105,7 @@ def test_the_gradient_is_that_of_the_mean_over_the_batch(three_steps, differenti
 
 
 def norm(tree):
-    """Euclidean norm of all leaves together."""
+    """Return the Euclidean norm of all leaves together."""
     return np.sqrt(sum((np.asarray(leaf, np.float64) ** 2).sum() for leaf in jax.tree.leaves(tree)))
 
 
@@ -121,7 +118,7 @@ def test_two_devices_compute_what_one_does(three_steps, six_steps, source):
     states, reports = three_steps
     for name, value in reports[0].items():
         np.testing.assert_allclose(metrics[name], value, rtol=1e-4, err_msg=name)
-    # Adam divides by the gradient's size: where that is nearly zero, rounding decides the sign.
+    # Adam divides by the size of the gradient: if it is nearly zero, rounding decides the sign.
     assert distance(state.batch_stats, states[1].batch_stats) < 1e-6
     first_moments = [one.opt_state[1][0].mu for one in (state, states[1])]
     assert distance(*first_moments) < 1e-5
@@ -146,30 +143,6 @@ def test_bfloat16_keeps_float32_parameters_and_nearly_the_same_loss(three_steps,
     assert metrics["loss"] != reports[0]["loss"]
 
 
-def test_ground_truth_reaches_networks_that_take_their_occlusion_from_it(six_steps, source):
-    """Where it is unknown it is NaN, which must not reach the network."""
-    coarse, refined = six_steps.network.stages
-    refined = dataclasses.replace(refined, occlusion="ground_truth")
-    network = dataclasses.replace(six_steps.network, stages=(coarse, refined))
-    config = dataclasses.replace(six_steps, network=network)
-    state = first_state(six_steps)  # the variables are the same
-    batch = source(0)
-
-    @jax.jit
-    def maps(disparity, valid):
-        examples = batch._replace(disparity=disparity, valid=valid)
-        outputs, _ = apply_to_batch(state.params, state.batch_stats, examples, config)
-        return outputs[-1].occlusion
-
-    true = maps(batch.disparity, batch.valid)
-    assert np.abs(true).mean() < 0.05  # the views agree where they are warped by the truth
-    unknown = batch.valid.at[:, 3:5].set(False)
-    partly = maps(jnp.where(unknown, batch.disparity, jnp.nan), unknown)
-    assert np.isfinite(partly).all()
-    np.testing.assert_array_equal(partly[..., 5:, :], true[..., 5:, :])
-    assert np.abs(partly[..., 3:5, :] - true[..., 3:5, :]).max() > 0.05
-
-
 def test_first_weights_are_a_function_of_the_seed(six_steps, source):
     one, same, other = (
         init_state(dataclasses.replace(six_steps, seed=seed), source(0)).params
@@ -177,26 +150,3 @@ def test_first_weights_are_a_function_of_the_seed(six_steps, source):
     )
     assert distance(one, same) == 0.0
     assert distance(one, other) > 0.1
-
-
-def test_every_output_of_the_light_network_is_supervised():
-    """Traced, not computed: two stages with candidates, and a last median without."""
-    config = recipe("light").train
-
-    def like(*shape, dtype=jnp.float32):
-        return jax.ShapeDtypeStruct(shape, dtype)
-
-    batch = Sample(
-        views=like(2, 1, 33, 64, 64),
-        offsets=like(2, 1, 33, 2),
-        disparity=like(2, 64, 64),
-        visibility=like(2, 1, 33, 64, 64, dtype=bool),
-        valid=like(2, 64, 64, dtype=bool),
-    )
-    state = jax.eval_shape(partial(init_state, config), batch)
-    after, report = jax.eval_shape(partial(train_step, config=config), state, batch)
-    assert jax.tree.map(lambda leaf: leaf.shape, after) == jax.tree.map(
-        lambda leaf: leaf.shape, state
-    )
-    errors = {f"disparity_{index}" for index in range(3)} | {"distribution_0", "distribution_1"}
-    assert set(report) == errors | {"loss", "badpix", "gradient_norm"}

@@ -1,4 +1,4 @@
-"""Scores and pictures of scenes that training does not see."""
+"""Scores and pictures of scenes that training does not use."""
 
 import dataclasses
 
@@ -26,7 +26,7 @@ from tests.training.conftest import planes
 
 @pytest.fixture(scope="module")
 def scores(six_steps, tmp_path_factory):
-    """Scores of random weights on two planes, one of which is known in its upper half alone."""
+    """Score random weights on two planes, one of which is valid in its upper half only."""
     folder = tmp_path_factory.mktemp("pictures")
     variables = random_variables(six_steps.network)
     batch = planes(7)
@@ -39,7 +39,7 @@ def scores(six_steps, tmp_path_factory):
     return result, estimates, batch, folder
 
 
-def test_scores_are_means_over_the_known_pixels_inside_the_border(scores):
+def test_scores_are_means_over_the_valid_pixels_inside_the_border(scores):
     result, estimates, batch, _ = scores
     rows = (slice(2, 10), slice(2, 6))
     for index, estimate in enumerate(estimates):
@@ -55,14 +55,14 @@ def test_scores_are_means_over_the_known_pixels_inside_the_border(scores):
         np.testing.assert_allclose(result[measure], mean, rtol=1e-12)
 
 
-def test_the_estimate_is_that_of_the_network_at_inference(scores, six_steps):
+def test_the_estimate_is_that_of_the_network_in_inference(scores, six_steps):
     _, estimates, batch, _ = scores
     apply = jax.jit(OccCasNet(six_steps.network).apply)
     outputs = apply(random_variables(six_steps.network), batch.views[0])
     np.testing.assert_allclose(estimates[0], outputs[-1].disparity, rtol=1e-4, atol=1e-4)
 
 
-def test_a_picture_of_truth_estimate_and_error_is_written_of_each_scene(scores):
+def test_each_scene_gets_a_picture_of_truth_estimate_and_error(scores):
     *_, folder = scores
     images = [imageio.imread(folder / f"sample_{index}.png") for index in range(2)]
     assert [image.shape for image in images] == [(12, 42, 3), (12, 42, 3)]
@@ -72,7 +72,7 @@ def test_a_picture_of_truth_estimate_and_error_is_written_of_each_scene(scores):
     assert not (images[1][:6] == grey).all(-1).any()
 
 
-def test_the_error_is_red_where_the_estimate_is_too_near_and_blue_where_too_far():
+def test_the_error_is_red_if_the_estimate_is_too_near_and_blue_if_too_far():
     truth = np.zeros((1, 3))
     image = picture(np.array([[-0.2, 0.0, 0.2]]), truth).astype(int)
     far, right, near = image[0, 6:]
@@ -82,14 +82,14 @@ def test_the_error_is_red_where_the_estimate_is_too_near_and_blue_where_too_far(
 
 
 @pytest.mark.parametrize("border", [6, 100])
-def test_a_scene_within_the_border_is_refused_before_training(border):
+def test_a_scene_without_pixels_inside_the_border_is_refused(border):
     scenes = scenes_from_batch(planes(0))
     check_scenes(scenes, border=5)
     with pytest.raises(InputError, match=r"sample_0: no pixel .* smaller validation_border"):
         check_scenes(scenes, border=border)
 
 
-def test_scenes_are_read_with_the_views_the_network_takes(six_steps, tmp_path):
+def test_scenes_are_read_with_the_views_that_the_network_takes(six_steps, tmp_path):
     light_field = plane(grid=(9, 9), size=(16, 18), disparity=0.4)
     paths = []
     for number, folder in enumerate(("one/scene", "two/scene")):
@@ -122,5 +122,5 @@ def test_a_scene_with_fewer_views_than_the_network_takes_is_refused(six_steps, t
     path = tmp_path / "small.npz"
     np.savez(path, views=light_field.views, ground_truth=light_field.ground_truth)
     network = dataclasses.replace(six_steps.network, views=(5, 5))
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"small\.npz: has 9 of the 5x5 views"):
         scenes_from_folders([path], dataclasses.replace(six_steps, network=network))

@@ -1,8 +1,8 @@
-"""The same network in other frameworks, written plainly from the paper's description.
+"""The published network in other frameworks.
 
-They import neither JAX nor occjax, so that each can live in an environment of its own. Every peer
-is a module with two functions of a :class:`~experiments.bench.peers.description.Problem`::
+The peers import neither JAX nor occjax, so that each can have its own environment. Every peer is a
+module with two functions of a :class:`~experiments.bench.peers.description.Problem`::
 
-    build(problem, **options) -> program     whose answer is the disparity [h, w]
-    train(problem, **options) -> program     a step of Adam; loss and norm of the gradient [2]
+    build(problem, **options) -> program     inference; the answer is the disparity [h, w]
+    train(problem, **options) -> program     step of Adam; the answer is loss and gradient norm [2]
 """

@@ -1,4 +1,4 @@
-"""What a peer must know of a network, and how that gets from one environment to another."""
+"""Description of a network and its data, and its transfer between environments."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Variables = Mapping[str, np.ndarray]
-"""Values by their path in occjax, without the collection: ``features/stem_0/kernel`` is
+"""Values by their path in occjax without the collection: ``features/stem_0/kernel`` is
 ``variables["params"]["features"]["stem_0"]["kernel"]``. Kernels are ``[*taps, in, out]``."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of the cascade.
+    """Stage of the cascade.
 
     Attributes:
-        candidates: Disparities of the first stage, later residuals around the stage before.
-        occlusion: Whether the views are weighted by occlusion maps of the stage before.
-        pairs: Residual blocks of the aggregation.
-        width: Its channels.
+        candidates: Disparities of the first stage, residuals around the previous stage otherwise.
+        occlusion: Whether occlusion maps of the previous stage weight the views.
+        pairs: Number of residual blocks of the aggregation.
+        width: Number of channels of the aggregation.
     """
 
     candidates: tuple[float, ...]
@@ -34,18 +34,18 @@ class Stage:
 
 @dataclass(frozen=True)
 class Network:
-    """A cascade on a square grid of views, each stage with attention and its own weights.
+    """Cascade on a square grid of views; each stage has attention and its own weights.
 
     Attributes:
-        side: Views in each direction, odd.
-        stem: Channels of the two first convolutions of the features.
+        side: Number of views in each direction, odd.
+        stem: Channels of the first two convolutions of the features.
         groups: Channels, number of blocks and dilation of each group of residual blocks.
-        pooled: Side lengths of the pyramid's average pooling.
+        pooled: Window sizes of the pyramid's average pooling, in pixels.
         pooled_width: Channels of each branch of the pyramid.
         fused: Channels of the convolution over the branches.
         channels: Channels of the features.
         attention_width: Hidden units of the attention.
-        stages: In order.
+        stages: Stages in order.
     """
 
     side: int
@@ -60,13 +60,13 @@ class Network:
 
 
 class Problem(NamedTuple):
-    """What every candidate is given.
+    """Input of every candidate.
 
     Attributes:
         network: The network.
-        variables: Its variables.
+        variables: Variables of the network.
         views: ``[b, v, u, h, w]`` float32 grey views in [0, 1]; one light field for inference.
-        truth: ``[b, h, w]`` float32 disparity to train on.
+        truth: ``[b, h, w]`` float32 true disparity for training, pixels per view step.
     """
 
     network: Network
@@ -76,12 +76,13 @@ class Problem(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A candidate that is ready to run, its inputs where it computes.
+    """Candidate that is ready to run, with its inputs on the device.
 
     Attributes:
-        run: Computes once, waits until it is done, and returns the framework's own answer.
-        fetch: That answer as NumPy has it, float32.
-        peak_memory: Largest memory used on an accelerator so far, in bytes; 0 without one.
+        run: Function that computes once, waits for the end, and returns the framework's array.
+        fetch: Function that converts this array to a float32 NumPy array.
+        peak_memory: Function that returns the peak memory of an accelerator in bytes; 0 without
+            one.
     """
 
     run: Callable[[], Any]
@@ -90,14 +91,14 @@ class Program(NamedTuple):
 
 
 def save(folder: Path, problem: Problem) -> None:
-    """Write all that a candidate needs, for :func:`load`."""
+    """Write a problem to a folder, for :func:`load`."""
     (folder / "network.json").write_text(json.dumps(asdict(problem.network)))
     np.savez(folder / "variables.npz", **problem.variables)
     np.savez(folder / "light_fields.npz", views=problem.views, truth=problem.truth)
 
 
 def load(folder: Path) -> Problem:
-    """Read network, variables and light fields."""
+    """Read a problem from a folder."""
     fields = json.loads((folder / "network.json").read_text())
     stages = tuple(
         Stage(**{**stage, "candidates": tuple(stage["candidates"])}) for stage in fields["stages"]
@@ -113,7 +114,7 @@ def load(folder: Path) -> Problem:
 
 
 def octant_of_views(side: int) -> np.ndarray:
-    """``[side, side]`` which of the learned weights each view has.
+    """Return ``[side, side]`` indices of the learned attention weight of each view.
 
     The weights are the upper triangle of a symmetric quadrant, row by row, mirrored to all views.
 

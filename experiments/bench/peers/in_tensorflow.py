@@ -1,4 +1,4 @@
-"""The network in TensorFlow 2."""
+"""The published network in TensorFlow 2."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOMENTUM = 0.99
 class OccCasNet(tf.Module):
     """The cascade.
 
-    For inference its variables are constants, which lets the graph's optimiser fold them.
+    For inference its variables are constants, so that the graph optimiser can fold them.
     """
 
     def __init__(self, network: Network, variables: Variables, *, training: bool = False) -> None:
@@ -35,7 +35,7 @@ class OccCasNet(tf.Module):
         }
 
     def __call__(self, views: tf.Tensor) -> list[tf.Tensor]:
-        """Views ``[b, v, u, h, w]`` to the disparities ``[b, h, w]`` of all stages."""
+        """Return the disparities ``[b, h, w]`` of all stages from views ``[b, v, u, h, w]``."""
         batch, side, _, height, width = views.shape
         images = tf.reshape(views, (batch, side**2, height, width, 1))
         centre = images[:, side**2 // 2, None]
@@ -65,14 +65,14 @@ class OccCasNet(tf.Module):
         return disparities
 
     def conv(self, name: str, x: tf.Tensor, dilation: int = 1) -> tf.Tensor:
-        """Convolution of images or a volume, zero padding."""
+        """Convolve images or a volume with zero padding."""
         kernel = self.values[f"{name}/kernel"]
         if len(kernel.shape) == 5:
             return tf.nn.conv3d(x, kernel, (1, 1, 1, 1, 1), "SAME")
         return tf.nn.conv2d(x, kernel, 1, "SAME", dilations=dilation)
 
     def norm(self, name: str, x: tf.Tensor) -> tf.Tensor:
-        """BatchNorm by its running averages, or by those of the batch, which they then follow."""
+        """Apply BatchNorm; in training, by the statistics of the batch, and update the averages."""
         mean, variance, bias, scale = (
             self.values[f"{name}/{part}"] for part in ("mean", "var", "bias", "scale")
         )
@@ -84,11 +84,11 @@ class OccCasNet(tf.Module):
         return tf.nn.batch_normalization(x, mean, variance, bias, scale, EPSILON)
 
     def layer(self, name: str, x: tf.Tensor) -> tf.Tensor:
-        """conv-BN-ReLU."""
+        """Apply a convolution, BatchNorm and ReLU."""
         return tf.nn.relu(self.norm(f"{name}_norm", self.conv(name, x)))
 
     def features(self, images: tf.Tensor) -> tf.Tensor:
-        """Images ``[n, h, w, 1]`` to ``[n, h, w, c]``."""
+        """Return features ``[n, h, w, c]`` of images ``[n, h, w, 1]``."""
         network = self.network
         x = self.layer("features/stem_1", self.layer("features/stem_0", images))
         groups = []
@@ -111,7 +111,7 @@ class OccCasNet(tf.Module):
         return self.conv("features/output", self.layer("features/fused", joined))
 
     def block(self, name: str, x: tf.Tensor, dilation: int, *, projected: bool) -> tf.Tensor:
-        """conv-BN-ReLU-conv-BN plus the input, which may pass a 1x1 convolution."""
+        """Apply conv-BN-ReLU-conv-BN and add the input, after a 1x1 convolution if projected."""
         shortcut = x
         if projected:
             shortcut = self.norm(f"{name}/shortcut_norm", self.conv(f"{name}/shortcut", x))
@@ -119,7 +119,7 @@ class OccCasNet(tf.Module):
         return self.norm(f"{name}/norm_1", self.conv(f"{name}/conv_1", x, dilation)) + shortcut
 
     def attention(self, index: int, mean: tf.Tensor) -> tf.Tensor:
-        """Means ``[b, v * u * c]`` over a volume to the weight of each of its channels."""
+        """Return the weights ``[b, v * u * c]`` of a volume's channels from their means."""
 
         def dense(name: str, x: tf.Tensor) -> tf.Tensor:
             kernel, bias = (
@@ -132,7 +132,7 @@ class OccCasNet(tf.Module):
         return tf.repeat(tf.gather(octant, of_view, axis=1), self.network.channels, 1)
 
     def aggregation(self, index: int, stage: Stage, volume: tf.Tensor) -> tf.Tensor:
-        """Volume ``[b, d, h, w, c]`` to scores ``[b, d, h, w]``."""
+        """Return scores ``[b, d, h, w]`` of a volume ``[b, d, h, w, c]``."""
         part = f"aggregation_{index}"
         x = self.layer(f"{part}/conv_1", self.layer(f"{part}/conv_0", volume))
         for pair in range(stage.pairs):
@@ -143,14 +143,14 @@ class OccCasNet(tf.Module):
 
 
 def offsets(number: int) -> np.ndarray:
-    """``[v * u, 2]`` offset (row, column) of each view of a square grid from the centre view."""
+    """Return the ``[v * u, 2]`` offsets (row, column) of a square grid from its centre view."""
     side = round(number**0.5)
     grid = np.indices((side, side)).reshape(2, -1).T - side // 2
     return grid.astype(np.float32)
 
 
 def shift(images: tf.Tensor, disparity: float) -> tf.Tensor:
-    """Views ``[b, v * u, h, w, c]`` moved as wholes, zero outside."""
+    """Shift views ``[b, v * u, h, w, c]`` by a constant disparity; zero outside the image."""
     batch, number, height, width, channels = images.shape
     down, right = -disparity * offsets(number).T
     zero, one = np.zeros_like(down), np.ones_like(down)
@@ -167,7 +167,7 @@ def shift(images: tf.Tensor, disparity: float) -> tf.Tensor:
 
 
 def warp(images: tf.Tensor, disparity: tf.Tensor) -> tf.Tensor:
-    """Views ``[b, v * u, h, w, c]`` sampled where ``[b, h, w]`` points; border repeated."""
+    """Warp views ``[b, v * u, h, w, c]`` by disparities ``[b, h, w]``; the border replicates."""
     batch, number, height, width, channels = images.shape
     down, right = offsets(number).T[:, :, None, None]
     y = np.arange(height, dtype=np.float32)[:, None] - disparity[:, None] * down
@@ -175,33 +175,33 @@ def warp(images: tf.Tensor, disparity: tf.Tensor) -> tf.Tensor:
     y, x = tf.clip_by_value(y, 0, height - 1), tf.clip_by_value(x, 0, width - 1)
     row = tf.minimum(tf.cast(y, tf.int32), max(height - 2, 0))
     column = tf.minimum(tf.cast(x, tf.int32), max(width - 2, 0))
-    below = (y - tf.cast(row, tf.float32))[..., None]
-    beside = (x - tf.cast(column, tf.float32))[..., None]
+    fraction_y = (y - tf.cast(row, tf.float32))[..., None]
+    fraction_x = (x - tf.cast(column, tf.float32))[..., None]
     flat = tf.reshape(images, (batch, number, height * width, channels))
 
     def tap(down: int, right: int) -> tf.Tensor:
         return tf.gather(flat, (row + down) * width + column + right, batch_dims=2)
 
-    upper = tap(0, 0) * (1 - beside) + tap(0, 1) * beside
-    lower = tap(1, 0) * (1 - beside) + tap(1, 1) * beside
-    return upper * (1 - below) + lower * below
+    upper = tap(0, 0) * (1 - fraction_x) + tap(0, 1) * fraction_x
+    lower = tap(1, 0) * (1 - fraction_x) + tap(1, 1) * fraction_x
+    return upper * (1 - fraction_y) + lower * fraction_y
 
 
 def peak_memory() -> int:
-    """Largest memory of an accelerator that was in use, in bytes; 0 without one."""
+    """Return the peak memory of the accelerator in bytes; 0 without an accelerator."""
     if not tf.config.list_physical_devices("GPU"):
         return 0
     return tf.config.experimental.get_memory_info("GPU:0")["peak"]
 
 
 def build(problem: Problem, *, compiled: bool = True) -> Program:
-    """Inference of one light field, in float32.
+    """Build the inference of one light field, in float32.
 
     Args:
         problem: The network and the light field.
-        compiled: Whether as a graph, by ``tf.function``.
+        compiled: Compile to a graph by ``tf.function``.
     """
-    tf.config.experimental.enable_tensor_float_32_execution(False)  # float32 means just that
+    tf.config.experimental.enable_tensor_float_32_execution(False)  # no TF32
     module = OccCasNet(problem.network, problem.variables)
     estimate = tf.function(module) if compiled else module
     views = tf.constant(problem.views)
@@ -213,12 +213,12 @@ def build(problem: Problem, *, compiled: bool = True) -> Program:
 
 
 def train(problem: Problem, *, rate: float, compiled: bool = True) -> Program:
-    """Steps of Adam on one batch, in float32.
+    """Build steps of Adam on one batch, in float32.
 
     Args:
         problem: The network, the light fields and their disparity.
-        rate: Of learning.
-        compiled: Whether as a graph, by ``tf.function``.
+        rate: Learning rate.
+        compiled: Compile to a graph by ``tf.function``.
     """
     tf.config.experimental.enable_tensor_float_32_execution(False)
     module = OccCasNet(problem.network, problem.variables, training=True)
@@ -241,6 +241,6 @@ def train(problem: Problem, *, rate: float, compiled: bool = True) -> Program:
 
 
 def finished(result: tf.Tensor) -> tf.Tensor:
-    """Wait for all that was asked of the device."""
+    """Wait for the device and return the result."""
     tf.test.experimental.sync_devices()
     return result

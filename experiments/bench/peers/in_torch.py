@@ -1,4 +1,4 @@
-"""The network in PyTorch."""
+"""The published network in PyTorch."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from experiments.bench.peers.description import (
 )
 
 NORM = {"eps": 1e-3, "momentum": 0.01}
-"""Of BatchNorm: PyTorch's momentum is the weight of the new value."""
+"""Options of BatchNorm; PyTorch's momentum is the weight of the new value."""
 
 
 class ResidualBlock(nn.Module):
-    """conv-BN-ReLU-conv-BN plus the input, which may pass a 1x1 convolution."""
+    """Block of conv-BN-ReLU-conv-BN plus the input, after a 1x1 convolution if projected."""
 
     def __init__(self, width: int, channels: int, dilation: int, *, projected: bool) -> None:
         super().__init__()
@@ -35,14 +35,14 @@ class ResidualBlock(nn.Module):
         self.projected = projected
 
     def forward(self, x: Tensor) -> Tensor:
-        """Images ``[n, c, h, w]``."""
+        """Apply the block to images ``[n, c, h, w]``."""
         shortcut = self.shortcut_norm(self.shortcut(x)) if self.projected else x
         x = functional.relu(self.norm_0(self.conv_0(x)))
         return self.norm_1(self.conv_1(x)) + shortcut
 
 
 class Features(nn.Module):
-    """Grey images to features of the same size."""
+    """Feature network."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
@@ -69,7 +69,7 @@ class Features(nn.Module):
         self.output = nn.Conv2d(network.fused, network.channels, 1, bias=False)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Images ``[n, 1, h, w]`` to ``[n, c, h, w]``."""
+        """Return features ``[n, c, h, w]`` of images ``[n, 1, h, w]``."""
 
         def layer(name: str, x: Tensor) -> Tensor:
             conv, norm = self.get_submodule(name), self.get_submodule(f"{name}_norm")
@@ -94,7 +94,7 @@ class Features(nn.Module):
 
 
 def average_pool(x: Tensor, size: int) -> Tensor:
-    """Mean of the pixels of each block; blocks beyond the image are cut off on both sides."""
+    """Average blocks; blocks at the border average only the pixels inside the image."""
     margins = []
     for length in (x.shape[3], x.shape[2]):
         lacking = -length % size
@@ -105,7 +105,7 @@ def average_pool(x: Tensor, size: int) -> Tensor:
 
 
 class Attention(nn.Module):
-    """A weight for each view from the mean of its features over the volume."""
+    """Channel attention: a weight for each view from the means over the volume."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
@@ -117,13 +117,13 @@ class Attention(nn.Module):
         self.register_buffer("of_view", of_view, persistent=False)
 
     def forward(self, mean: Tensor) -> Tensor:
-        """Means ``[b, v * u * c]`` to the weight of each of these channels."""
+        """Return the weights ``[b, v * u * c]`` of the channels from their means."""
         octant = torch.sigmoid(self.octant(functional.relu(self.hidden(mean))))
         return octant[:, self.of_view].repeat_interleave(self.channels, 1)
 
 
 class Aggregation(nn.Module):
-    """3x3x3 convolutions from the volume to a score for each candidate."""
+    """3x3x3 convolutions that compute a score for each candidate."""
 
     def __init__(self, network: Network, stage: Stage) -> None:
         super().__init__()
@@ -137,7 +137,7 @@ class Aggregation(nn.Module):
         self.score = nn.Conv3d(width, 1, 3, padding=1, bias=False)
 
     def forward(self, volume: Tensor) -> Tensor:
-        """Volume ``[b, c, d, h, w]`` to scores ``[b, d, h, w]``."""
+        """Return scores ``[b, d, h, w]`` of a volume ``[b, c, d, h, w]``."""
 
         def layer(name: str, x: Tensor) -> Tensor:
             return self.get_submodule(f"{name}_norm")(self.get_submodule(name)(x))
@@ -153,7 +153,7 @@ class Aggregation(nn.Module):
 class OccCasNet(nn.Module):
     """The cascade.
 
-    With ``half``, convolutions are computed in bfloat16, the rest and all sums in float32.
+    With ``half``, convolutions use bfloat16 with float32 accumulation; the rest uses float32.
     """
 
     def __init__(self, network: Network, *, half: bool = False) -> None:
@@ -167,7 +167,7 @@ class OccCasNet(nn.Module):
             self.register_buffer(f"candidates_{index}", candidates, persistent=False)
 
     def forward(self, views: Tensor) -> list[Tensor]:
-        """Views ``[b, v, u, h, w]`` to the disparities ``[b, h, w]`` of all stages."""
+        """Return the disparities ``[b, h, w]`` of all stages from views ``[b, v, u, h, w]``."""
         batch, side, _, height, width = views.shape
         images = views.reshape(batch, side**2, 1, height, width)
         centre = images[:, side**2 // 2, None]
@@ -202,14 +202,14 @@ class OccCasNet(nn.Module):
 
 
 def warp(images: Tensor, disparity: Tensor, border: str) -> Tensor:
-    """Views ``[b, v * u, c, h, w]`` of a square grid in register with the centre view, float32."""
+    """Warp views ``[b, v * u, c, h, w]`` of a square grid to the centre view, in float32."""
     batch, number, _, height, width = images.shape
     side, device = round(number**0.5), images.device
     offset = torch.arange(side, device=device) - side // 2
     down, right = (each.reshape(-1, 1, 1) for each in torch.meshgrid(offset, offset, indexing="ij"))
     y = torch.arange(height, device=device)[:, None] - disparity[:, None] * down
     x = torch.arange(width, device=device)[None, :] - disparity[:, None] * right
-    # To [-1, 1] from corner to corner, as grid_sample counts.
+    # grid_sample expects coordinates in [-1, 1] from corner to corner.
     grid = torch.stack([2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1], -1)
     flat = images.flatten(0, 1).float()
     warped = functional.grid_sample(flat, grid.flatten(0, 1), "bilinear", border, True)
@@ -217,7 +217,7 @@ def warp(images: Tensor, disparity: Tensor, border: str) -> Tensor:
 
 
 def state(variables: Variables) -> dict[str, Tensor]:
-    """Variables as ``load_state_dict`` takes them: other names, kernels ``[out, in, *taps]``."""
+    """Return variables for ``load_state_dict``: renamed, with kernels ``[out, in, *taps]``."""
     names = {"kernel": "weight", "scale": "weight", "mean": "running_mean", "var": "running_var"}
     converted = {}
     for path, value in variables.items():
@@ -230,10 +230,10 @@ def state(variables: Variables) -> dict[str, Tensor]:
 
 
 def load(problem: Problem, device: str, precision: str) -> OccCasNet:
-    """The network with its variables, ready for a device; kernels in channels-last layout."""
+    """Return the network with its variables on a device; kernels are in channels-last layout."""
     if device == "cuda":
         torch.backends.cudnn.benchmark = True
-        torch.backends.cudnn.allow_tf32 = False  # float32 means just that
+        torch.backends.cudnn.allow_tf32 = False  # no TF32
     module = OccCasNet(problem.network, half=precision == "bfloat16")
     missing, unexpected = module.load_state_dict(state(problem.variables), strict=False)
     assert not unexpected
@@ -247,7 +247,7 @@ def load(problem: Problem, device: str, precision: str) -> OccCasNet:
 
 
 def finish(device: str) -> None:
-    """Wait for a device."""
+    """Wait for the device."""
     if device == "cuda":
         torch.cuda.synchronize()
 
@@ -260,13 +260,13 @@ def peak_memory(device: str) -> int:
 def build(
     problem: Problem, *, device: str = "cpu", precision: str = "float32", compiled: bool = False
 ) -> Program:
-    """Inference of one light field.
+    """Build the inference of one light field.
 
     Args:
         problem: The network and the light field.
         device: ``"cpu"`` or ``"cuda"``.
-        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
-        compiled: Whether by ``torch.compile``.
+        precision: Number type of convolutions, ``"float32"`` or ``"bfloat16"``.
+        compiled: Compile by ``torch.compile``.
     """
     module = load(problem, device, precision).eval()
     estimate = torch.compile(module) if compiled else module
@@ -289,14 +289,14 @@ def train(
     precision: str = "float32",
     compiled: bool = False,
 ) -> Program:
-    """Steps of Adam on one batch.
+    """Build steps of Adam on one batch.
 
     Args:
         problem: The network, the light fields and their disparity.
-        rate: Of learning.
+        rate: Learning rate.
         device: ``"cpu"`` or ``"cuda"``.
-        precision: Of the convolutions, ``"float32"`` or ``"bfloat16"``.
-        compiled: Whether forward and backward pass are by ``torch.compile``.
+        precision: Number type of convolutions, ``"float32"`` or ``"bfloat16"``.
+        compiled: Compile forward and backward pass by ``torch.compile``.
     """
     module = load(problem, device, precision).train()
     views, truth = (torch.from_numpy(each).to(device) for each in (problem.views, problem.truth))

@@ -1,0 +1,16 @@
+"""Random light fields with exact ground truth, as a pure function of a random key.
+
+:func:`generate` draws a light field from the distribution that a :class:`SceneConfig` describes:
+
+* :mod:`~occjax.data.procedural.scenes` draws the surfaces, :mod:`~occjax.data.procedural.looks`
+  their materials and the light, :mod:`~occjax.data.procedural.patterns` textures and outlines;
+* :mod:`~occjax.data.procedural.surfaces` intersects every ray of every view with every surface in
+  closed form;
+* :mod:`~occjax.data.procedural.shading` computes the brightness of the nearest hits;
+* :mod:`~occjax.data.procedural.sensor` adds the faults of a camera.
+"""
+
+from occjax.data.procedural.config import TEXTURED, Defects, Outlines, SceneConfig, Solids, Textures
+from occjax.data.procedural.generator import generate
+
+__all__ = ["TEXTURED", "Defects", "Outlines", "SceneConfig", "Solids", "Textures", "generate"]

@@ -1,0 +1,276 @@
+"""Brightness of the surfaces that rays hit.
+
+The brightness is fixed to the surfaces except for highlights and reflections, which move smoothly
+with the view. Lengths are metric: the third coordinate is the depth ``relief * d``, in pixels.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from occjax.data.procedural.surfaces import (
+    Geometry,
+    Hits,
+    concatenate_surfaces,
+    first_hits,
+    interpolate,
+    take_unchecked,
+)
+
+
+class Materials(NamedTuple):
+    """Materials of the surfaces, one entry each.
+
+    Attributes:
+        texel_map: ``[n, 2, 3]`` map from ``(X, Y, d)`` to texels, row and column.
+        texel_origin: ``[n, 2]`` texel at the origin.
+        texture: ``[n]`` index of the texture.
+        detail: ``[n]`` index of a second texture.
+        detail_scale: ``[n]`` factor on the texel coordinates of the second texture.
+        tone: ``[n]`` mean reflectance.
+        contrast: ``[n]`` relative strength of the texture.
+        detail_contrast: ``[n]`` relative strength of the second texture.
+        gloss: ``[n]`` strength of highlights.
+        sharpness: ``[n]`` exponent of highlights; larger values give smaller highlights.
+        mirror: ``[n]`` strength of reflections.
+    """
+
+    texel_map: Float[Array, "n 2 3"]
+    texel_origin: Float[Array, "n 2"]
+    texture: Int[Array, " n"]
+    detail: Int[Array, " n"]
+    detail_scale: Float[Array, " n"]
+    tone: Float[Array, " n"]
+    contrast: Float[Array, " n"]
+    detail_contrast: Float[Array, " n"]
+    gloss: Float[Array, " n"]
+    sharpness: Float[Array, " n"]
+    mirror: Float[Array, " n"]
+
+
+class Light(NamedTuple):
+    """A lamp, ambient light, shadows, and the direction to the eye.
+
+    Attributes:
+        relief: Depth per unit of disparity, in pixels.
+        lamp: ``[3]`` position of the lamp, metric.
+        reach: Distance at which the lamp has lost half its light.
+        strength: Share of the lamp in the light; the rest is ambient.
+        cast: ``[2]`` row and column offset of the view whose rays run along the light.
+        shadow: Depth of the shadows in [0, 1].
+        softness: Blur of the shadows, in pixels.
+        crease: Depth of the darkness in corners and gaps, in [0, 1].
+        convergence: Change of the direction to the eye from pixel to pixel.
+        swing: Change of this direction from view to view, relative to the parallax.
+    """
+
+    relief: Float[Array, ""]
+    lamp: Float[Array, "3"]
+    reach: Float[Array, ""]
+    strength: Float[Array, ""]
+    cast: Float[Array, "2"]
+    shadow: Float[Array, ""]
+    softness: Float[Array, ""]
+    crease: Float[Array, ""]
+    convergence: Float[Array, ""]
+    swing: Float[Array, ""]
+
+
+class Shade(NamedTuple):
+    """Maps of shadow and openness over the image and its surroundings.
+
+    Attributes:
+        blocker: ``[m, m]`` blurred exponential of the disparity first met along the light.
+        front: ``[m, m]`` blurred disparity of the centre view.
+        reach: ``[2]`` half the height and width that the maps cover, in pixels.
+    """
+
+    blocker: Float[Array, "m m"]
+    front: Float[Array, "m m"]
+    reach: Float[Array, "2"]
+
+
+SHADE_MAP_SIZE_PX = 128
+"""Rows and columns of the shade maps."""
+
+SHADOW_EXPONENT = 24.0
+"""Exponent of the exponential shadow map at the highest disparity of the scene."""
+
+
+def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) -> Shade:
+    """Render coarse, blurred disparity maps along the light and from the front.
+
+    A parallel light from the camera's side runs along the rays of some view, so the shadow map is
+    the disparity of that view: a point is lit if the first hit along the light has its disparity.
+    The blurred exponential of disparity makes shadows soft (exponential shadow maps, Annen et al.,
+    2008).
+
+    Args:
+        geometry: The scene.
+        light: The light.
+        image_size: ``(H, W)`` of a view, in pixels.
+
+    Returns:
+        The maps.
+    """
+    reach = 0.5 * jnp.asarray(image_size, jnp.float32) + 32.0
+    axis = jnp.linspace(-1.0, 1.0, SHADE_MAP_SIZE_PX)
+    y, x = jnp.meshgrid(axis * reach[0], axis * reach[1], indexing="ij")
+    pixel = 2.0 * jnp.max(reach) / (SHADE_MAP_SIZE_PX - 1)
+    lowest, highest = geometry.limits
+    along = first_hits(geometry, y, x, light.cast).disparity
+    exponent = SHADOW_EXPONENT * (along - lowest) / (highest - lowest)
+    front = first_hits(geometry, y, x, jnp.zeros(2)).disparity
+    return Shade(_blur(jnp.exp(exponent), light.softness / pixel), _blur(front, 6.0 / pixel), reach)
+
+
+def brightness(
+    geometry: Geometry,
+    materials: Materials,
+    textures: Float[Array, "t m m"],
+    light: Light,
+    shade: Shade,
+    offset: Float[Array, "2"],
+    y: Float[Array, "*r"],
+    x: Float[Array, "*r"],
+    hits: Hits,
+) -> Float[Array, "*r"]:
+    """Compute the brightness at the hits of rays of one view.
+
+    Args:
+        geometry: The scene.
+        materials: Materials, in the order of the surfaces.
+        textures: ``[t, m, m]`` in [-1, 1].
+        light: The light.
+        shade: Maps from :func:`shade_maps`.
+        offset: ``[2]`` offset of the view.
+        y: Row at which each ray meets the view's image, in pixels from the image centre.
+        x: Column of the same point.
+        hits: First hits from :func:`~occjax.data.procedural.surfaces.first_hits`.
+
+    Returns:
+        Brightness, at least 0.
+    """
+    d, index = hits
+    px, py, pz = x + offset[1] * d, y + offset[0] * d, light.relief * d
+
+    def of(values):
+        return take_unchecked(values, index)
+
+    row = _affine(of, materials.texel_map[:, 0], materials.texel_origin[:, 0], px, py, d)
+    column = _affine(of, materials.texel_map[:, 1], materials.texel_origin[:, 1], px, py, d)
+    scale = of(materials.detail_scale)
+    pattern = of(materials.contrast) * _texel(textures, of(materials.texture), row, column)
+    detail = _texel(textures, of(materials.detail), row * scale, column * scale)
+    pattern = pattern + of(materials.detail_contrast) * detail
+    albedo = jnp.clip(of(materials.tone) * (1.0 + pattern), 0.0, 1.2)
+
+    nx, ny, nz = _normals(geometry, light.relief, px, py, d, offset, index)
+    lx, ly, lz = light.lamp[0] - px, light.lamp[1] - py, light.lamp[2] - pz
+    squared = lx * lx + ly * ly + lz * lz
+    inverse = jax.lax.rsqrt(squared)
+    lx, ly, lz = lx * inverse, ly * inverse, lz * inverse
+    falloff = 2.0 / (1.0 + squared / light.reach**2)
+    lowest, highest = geometry.limits
+    received = SHADOW_EXPONENT * (d - lowest) / (highest - lowest)
+    blocker = interpolate(
+        shade.blocker,
+        (py - light.cast[0] * d) / shade.reach[0],
+        (px - light.cast[1] * d) / shade.reach[1],
+    )
+    lit = jnp.clip(1.3 * jnp.exp(received) / blocker, 0.0, 1.0)
+    lit = 1.0 - light.shadow * (1.0 - lit)
+    sunken = interpolate(shade.front, py / shade.reach[0], px / shade.reach[1]) - d
+    openness = 1.0 - light.crease * jnp.clip(sunken * light.relief / 12.0, 0.0, 1.0)
+    facing = jnp.maximum(nx * lx + ny * ly + nz * lz, 0.0)
+    lamp = light.strength * falloff * lit
+    diffuse = albedo * (lamp * facing + (1.0 - light.strength) * openness)
+
+    # Direction to the eye: it changes with the view and, in perspective, with the pixel.
+    ex = light.swing * offset[1] - light.convergence * px
+    ey = light.swing * offset[0] - light.convergence * py
+    inverse = jax.lax.rsqrt(ex * ex + ey * ey + light.relief**2)
+    ex, ey, ez = ex * inverse, ey * inverse, light.relief * inverse
+    hx, hy, hz = ex + lx, ey + ly, ez + lz
+    inverse = jax.lax.rsqrt(hx * hx + hy * hy + hz * hz + 1e-6)
+    aligned = (nx * hx + ny * hy + nz * hz) * inverse
+    highlight = of(materials.gloss) * jnp.exp(of(materials.sharpness) * (aligned - 1.0)) * lit
+    # Reflections show the first texture.
+    outward = 2.0 * (nx * ex + ny * ey + nz * ez)
+    mirrored = _texel(
+        textures,
+        jnp.zeros_like(index),
+        160.0 * (outward * ny - ey),
+        160.0 * (outward * nx - ex),
+    )
+    return diffuse + highlight + of(materials.mirror) * (1.0 + mirrored) * openness
+
+
+def _normals(geometry: Geometry, relief, px, py, d, offset, index):
+    """Return metric unit normals of the surfaces that are hit, towards the camera."""
+    table = concatenate_surfaces(geometry.walls, geometry.sheets, geometry.solids)
+
+    def of(values):
+        return take_unchecked(values, index)
+
+    own = [_affine(of, table.linear[:, i], table.shift[:, i], px, py, d) for i in range(3)]
+    # A point is on a face of a solid's box where a coordinate reaches half the size of the box.
+    level = of(table.constant) + of(table.slope) * own[2]
+    for axis in range(3):
+        level = level + of(table.curvature[:, axis]) * own[axis] ** 2
+    excess = [jnp.abs(own[i]) * of(1.0 / table.half[:, i]) - 1.0 for i in range(3)]
+    most = jnp.maximum(jnp.maximum(excess[0], excess[1]), excess[2])
+    on_face = most > level
+    gradient = []
+    for axis in range(3):
+        curved = 2.0 * of(table.curvature[:, axis]) * own[axis]
+        curved = curved + of(table.slope) if axis == 2 else curved
+        gradient.append(jnp.where(on_face, jnp.where(excess[axis] == most, own[axis], 0.0), curved))
+    nx, ny, nd = (
+        sum(of(table.linear[:, i, axis]) * gradient[i] for i in range(3)) for axis in range(3)
+    )
+    towards = nx * offset[1] + ny * offset[0] + nd
+    nz = nd / relief
+    scale = jnp.copysign(jax.lax.rsqrt(nx * nx + ny * ny + nz * nz + 1e-20), towards)
+    return nx * scale, ny * scale, nz * scale
+
+
+def _affine(of, rows, shift, px, py, d):
+    """Return one component of an affine map, per ray."""
+    return of(rows[:, 0]) * px + of(rows[:, 1]) * py + of(rows[:, 2]) * d + of(shift)
+
+
+def _texel(textures, index, row, column):
+    """Interpolate bilinearly in one texture per ray, in texels; textures repeat mirrored."""
+    size = textures.shape[-1]
+    whole_row, whole_column = jnp.floor(row), jnp.floor(column)
+    part_row, part_column = row - whole_row, column - whole_column
+    rows = [_mirrored(whole_row.astype(jnp.int32) + step, size) for step in (0, 1)]
+    columns = [_mirrored(whole_column.astype(jnp.int32) + step, size) for step in (0, 1)]
+    flat = textures.reshape(-1)
+    first = index * (size * size)
+    upper, lower = (
+        take_unchecked(flat, first + line * size + columns[0]) * (1.0 - part_column)
+        + take_unchecked(flat, first + line * size + columns[1]) * part_column
+        for line in rows
+    )
+    return upper * (1.0 - part_row) + lower * part_row
+
+
+def _mirrored(position, size):
+    """Return the index into a row that repeats mirrored; the size is a power of two."""
+    within = position & (2 * size - 1)
+    return jnp.where(within < size, within, 2 * size - 1 - within)
+
+
+def _blur(image: Float[Array, "m m"], deviation: Float[Array, ""]) -> Float[Array, "m m"]:
+    """Blur with a Gaussian of a standard deviation in pixels, normalised at the border."""
+    position = jnp.arange(image.shape[0], dtype=jnp.float32)
+    distance = position[:, None] - position[None, :]
+    weight = jnp.exp(-0.5 * jnp.square(distance / jnp.maximum(deviation, 0.3)))
+    weight = weight / jnp.sum(weight, axis=1, keepdims=True)
+    return weight @ image @ weight.T

@@ -1,0 +1,80 @@
+"""Estimators by the name of their model and weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from occjax.errors import InputError, check_one_of
+from occjax.estimators.occcasnet import OccCasNetEstimator
+from occjax.estimators.proposal import ProposalEstimator
+from occjax.estimators.protocol import Estimator
+from occjax.models.bundled import bundled_weights, find_weights
+from occjax.models.occcasnet.config import OccCasNetConfig, Warp
+from occjax.models.registry import ALIASES, PRESETS, Precision, preset, preset_name
+from occjax.models.weights import load_weights
+
+TRAINING_FREE = "photometric"
+"""Name of the estimator without weights."""
+
+
+def make_estimator(
+    model: str | None = None,
+    *,
+    weights: str | Path | None = None,
+    warp: Warp | None = None,
+    precision: str = "float32",
+) -> Estimator:
+    """Create an estimator from a model and weights.
+
+    Args:
+        model: ``"photometric"`` (training-free), ``"proposal"`` or a network of the paper
+            (:data:`occjax.models.PRESETS`). By default the model that the weights were made for.
+        weights: File of the weights, ``.safetensors`` or the published ``.h5`` / ``.hdf5``, or the
+            name of weights in the package (``occjax weights list``). By default those of the
+            model's name; without a model the first in that list.
+        warp: ``"correct"`` or ``"transposed"`` instead of the warp of the weights' training.
+        precision: Type of the convolutions, ``"float32"`` or ``"bfloat16"``.
+
+    Returns:
+        The estimator, for :func:`occjax.estimators.run_estimator`.
+
+    Raises:
+        InputError: If model, weights and options do not fit together.
+
+    Example:
+        >>> make_estimator("photometric").name
+        'photometric'
+    """
+    check_one_of("precision", precision, Precision)
+    model = model and ALIASES.get(model, model)
+    if model is not None and model not in PRESETS:
+        raise InputError(f"there is no model {model!r}; choose one of {', '.join(PRESETS)}")
+    if model == TRAINING_FREE:
+        if weights is not None:
+            raise InputError(f"the model {model} takes no weights; omit weights ({weights})")
+        if warp is not None or precision != "float32":
+            raise InputError(
+                f"the model {model} has no warp and computes in float32; omit warp (--warp) and "
+                "precision (--precision)"
+            )
+        return ProposalEstimator(model, preset(model))
+    path = _weights_path(model, weights)
+    variables, config = load_weights(path, None if model is None else preset(model), warp=warp)
+    name = model or preset_name(config)
+    if isinstance(config, OccCasNetConfig):
+        return OccCasNetEstimator(name, config, variables, path.name, precision)
+    return ProposalEstimator(name, config, variables, path.name, precision)
+
+
+def _weights_path(model: str | None, weights: str | Path | None) -> Path:
+    """Return the file of the weights that a user names, or of those in the package."""
+    if weights is not None:
+        return find_weights(weights)
+    for bundled in bundled_weights():
+        if model in (None, bundled.name):
+            bundled.verify()
+            return bundled.path
+    raise InputError(
+        f"the model {model} needs weights; pass a file (--weights FILE), or download the published "
+        "weights of occcasnet with 'occjax weights fetch'"
+    )

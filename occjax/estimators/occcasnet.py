@@ -1,0 +1,139 @@
+"""OccCasNet and the paper's variants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
+from occjax.estimators.ranges import choose_range, notes_on_limits
+from occjax.lightfield import LightField
+from occjax.models.occcasnet import OccCasNetConfig, StageOutput, predict
+from occjax.ops import confidence
+
+TRANSPOSED_NOTE = (
+    "warp: transposed, as in the published code (rows move with u); pass --warp correct to override"
+)
+
+
+@dataclass(frozen=True)
+class OccCasNetEstimator:
+    """Estimator of an :class:`occjax.models.OccCasNet`.
+
+    Attributes:
+        name: Name of the model.
+        config: Configuration of the network.
+        variables: Variables of the network.
+        weights: Name of the weights.
+        precision: Type of the convolutions.
+    """
+
+    name: str
+    config: OccCasNetConfig
+    variables: dict = field(compare=False)
+    weights: str | None = field(default=None, compare=False)
+    precision: str = "float32"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Note on the warp, if it is the transposed one."""
+        return (TRANSPOSED_NOTE,) if self.config.warp == "transposed" else ()
+
+    def prepare(
+        self, light_field: LightField, disparity_range: DisparityRange | None
+    ) -> ModelInputs:
+        """Crop the grid, convert the views to grey and move the candidates over the range.
+
+        Raises:
+            InputError: If the light field has too few views, the requested range is wider than that
+                of the network, or the network needs a ground truth that is missing.
+        """
+        light_field, notes = _crop(light_field, self.config.views)
+        if light_field.positions is not None:
+            notes.append("the irregular camera positions are ignored: the network assumes a grid")
+        candidates = np.asarray(self.config.stages[0].candidates, np.float32)
+        wide = light_field.disparity_range
+        if disparity_range is not None:
+            wide, _ = choose_range(light_field, disparity_range)
+        low, high = float(candidates[0]), float(candidates[-1])
+        if wide is not None and not (low <= wide[0] and wide[1] <= high):
+            candidates = candidates + np.float32((sum(wide) - (low + high)) / 2)
+            low, high = float(candidates[0]), float(candidates[-1])
+            notes.append(f"candidates moved to [{low:.2f}, {high:.2f}]")
+        if wide is not None and wide[1] - wide[0] > high - low + 1e-6:
+            message = (
+                f"the network covers {high - low:g} pixels of disparity, less than the range "
+                f"[{wide[0]:g}, {wide[1]:g}]"
+            )
+            if disparity_range is not None:
+                raise InputError(f"{message}; use the model proposal, which takes any range")
+            notes.append(message)
+        truth = light_field.ground_truth if self.config.needs_ground_truth else None
+        if self.config.needs_ground_truth and truth is None:
+            raise InputError(
+                f"{light_field.name}: the network computes occlusion maps from the ground truth, "
+                "which is missing; use another model"
+            )
+        others = (candidates, truth)
+        return ModelInputs(self.variables, light_field.grey(), others, (low, high), tuple(notes))
+
+    def run(
+        self,
+        variables: dict,
+        views: jax.Array,
+        candidates: jax.Array,
+        ground_truth: jax.Array | None,
+    ) -> dict[str, Any]:
+        """Apply the network in strips; the least certain stage gives the confidence."""
+        stages: tuple[StageOutput, ...] = predict(
+            variables,
+            views,
+            self.config,
+            candidates=candidates,
+            ground_truth=ground_truth,
+            dtype=jnp.dtype(self.precision),
+        )
+        readings = [confidence(stage.probabilities, stage.candidates) for stage in stages]
+        # A refined stage cannot know that the stage before missed the surface.
+        certainty = [
+            reading.certainty(len(stage.candidates))
+            for reading, stage in zip(readings, stages, strict=True)
+        ]
+        return {
+            "disparity": stages[-1].disparity,
+            "confidence": jnp.stack(certainty).min(0),
+            "standard_deviation": readings[-1].standard_deviation,
+            "coarse": stages[0].disparity if len(stages) > 1 else None,
+            "stages": tuple(stage.disparity for stage in stages),
+            "occlusion": stages[-1].occlusion,
+        }
+
+    def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
+        """Add names and notes to the maps."""
+        limits = notes_on_limits(outputs["disparity"], inputs.disparity_range)
+        return Estimate(
+            **outputs,
+            disparity_range=inputs.disparity_range,
+            model=self.name,
+            weights=self.weights,
+            notes=(*self.notes, *inputs.notes, *limits),
+        )
+
+
+def _crop(light_field: LightField, views: tuple[int, int]) -> tuple[LightField, list[str]]:
+    """Return the central views that the network takes, and a note if the grid was cropped."""
+    grid = light_field.grid
+    if grid == views:
+        return light_field, []
+    if grid[0] < views[0] or grid[1] < views[1]:
+        raise InputError(
+            f"{light_field.name}: has {grid[0]}x{grid[1]} views, the network takes "
+            f"{views[0]}x{views[1]}; use the model proposal or photometric, which take any grid"
+        )
+    note = f"the central {views[0]}x{views[1]} of {grid[0]}x{grid[1]} views are used"
+    return light_field.central(*views), [note]

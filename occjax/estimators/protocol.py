@@ -1,0 +1,108 @@
+"""The protocol that every estimator implements, and its input and output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from occjax.lightfield import LightField
+
+DisparityRange = tuple[float, float]
+"""``(minimum, maximum)``, in pixels per view step."""
+
+
+class ModelInputs(NamedTuple):
+    """Input of an estimator's pure function.
+
+    Attributes:
+        variables: Weights; the same for every light field.
+        views: Views as the estimator needs them.
+        others: Further arrays that depend on the light field, for instance candidates.
+        disparity_range: Range that is searched.
+        notes: Messages for the user.
+        view_indices: Indices of the views, row by row in the light field; None for all views.
+    """
+
+    variables: Any
+    views: np.ndarray
+    others: tuple[Any, ...]
+    disparity_range: DisparityRange
+    notes: tuple[str, ...] = ()
+    view_indices: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Disparity map of the centre view.
+
+    Attributes:
+        disparity: ``[H, W]`` float32, pixels per view step.
+        confidence: ``[H, W]`` float32 in [0, 1]; 1 is certain. One minus the normalised entropy of
+            the candidates' probabilities; for a cascade that of the least certain stage. A
+            selection among proposals contributes the probability of all proposals close to the
+            selected one. Values of grids of different size cannot be compared.
+        standard_deviation: ``[H, W]`` float32, standard deviation of the last stage's
+            probabilities, pixels per view step.
+        disparity_range: ``(minimum, maximum)`` that was searched.
+        model: Name of the estimator.
+        weights: Name of the weights, if the estimator has any.
+        coarse: ``[H, W]`` float32 disparity of the first stage, if there is more than one.
+        stages: ``[H, W]`` float32 disparity after each stage; the last one is ``disparity``.
+        occlusion: ``[V, U, H, W]`` float32 occlusion maps in [0, 1] (eq. 5), 1 where a view does
+            not see the point; None unless requested or computed by the model.
+        notes: Messages for the user, such as a cropped grid or the measured range.
+        seconds: Wall-clock seconds of each phase, e.g. ``{"compile": 3.1, "run": 0.4}``.
+    """
+
+    disparity: np.ndarray
+    confidence: np.ndarray
+    standard_deviation: np.ndarray
+    disparity_range: DisparityRange
+    model: str
+    weights: str | None = None
+    coarse: np.ndarray | None = None
+    stages: tuple[np.ndarray, ...] = ()
+    occlusion: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """An estimator of disparity, in three steps.
+
+    :func:`occjax.estimators.run_estimator` calls ``prepare``, compiles ``run`` once per shape of
+    its input, and passes the result to ``finish``. Estimators are hashable. Estimators that compare
+    equal share compiled programs, so a frozen dataclass excludes its variables from the comparison.
+    """
+
+    def __hash__(self) -> int: ...
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+        ...
+
+    def prepare(
+        self, light_field: LightField, disparity_range: DisparityRange | None
+    ) -> ModelInputs:
+        """Convert a light field to arrays.
+
+        Args:
+            light_field: Light field.
+            disparity_range: Range to search; None to use that of the light field or to measure it.
+
+        Raises:
+            InputError: If the light field does not fit the model.
+        """
+        ...
+
+    def run(self, variables: Any, views: Any, *others: Any) -> Any:
+        """Compute the result; a pure function of arrays, compiled by :func:`jax.jit`."""
+        ...
+
+    def finish(self, inputs: ModelInputs, outputs: Any) -> Estimate:
+        """Convert the result, as NumPy arrays, to an estimate."""
+        ...

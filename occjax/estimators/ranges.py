@@ -1,0 +1,66 @@
+"""Choice of the disparity range, and warnings when it was too narrow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.estimators.protocol import DisparityRange
+from occjax.layout import disparity_range_of
+from occjax.lightfield import LightField
+
+LIMIT_MARGIN = 0.001
+"""Margin, as a fraction of the search range, within which a disparity counts as at its limit."""
+
+MAX_FRACTION_AT_LIMIT = 0.1
+"""Fraction of the pixels at a limit above which the range was too narrow. Sufficient ranges have
+at most 0.003, insufficient ones 0.12 and more."""
+
+
+def choose_range(
+    light_field: LightField, requested: DisparityRange | None
+) -> tuple[DisparityRange, tuple[str, ...]]:
+    """Return the range to search, and notes on where it comes from.
+
+    Args:
+        light_field: Light field; its own range is used if none is requested. If it has none, the
+            range is measured.
+        requested: Range that the user requested, or None.
+
+    Raises:
+        InputError: If the requested range is not a range.
+    """
+    if requested is None:
+        disparity_range, notes = disparity_range_of(light_field)
+        return disparity_range, tuple(notes)
+    try:
+        low, high = (float(bound) for bound in requested)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the disparity range needs two numbers, not {requested!r}") from error
+    if not (np.isfinite([low, high]).all() and low + 1e-3 <= high):
+        raise InputError(f"the disparity range needs minimum < maximum, not {low} {high}")
+    return (low, high), ()
+
+
+def notes_on_limits(disparity: np.ndarray, disparity_range: DisparityRange) -> list[str]:
+    """Return notes for the user if many disparities are at a limit of the searched range.
+
+    Args:
+        disparity: ``[H, W]`` disparity, pixels per view step.
+        disparity_range: Range that was searched.
+    """
+    low, high = disparity_range
+    margin = LIMIT_MARGIN * (high - low)
+    notes = []
+    for end, at_limit in (
+        ("lower", disparity <= low + margin),
+        ("upper", disparity >= high - margin),
+    ):
+        fraction = float(np.mean(at_limit))
+        if fraction > MAX_FRACTION_AT_LIMIT:
+            notes.append(
+                f"{fraction:.0%} of the disparities are at the {end} limit of the searched range "
+                f"[{low:.2f}, {high:.2f}]; the range is probably too narrow, pass a wider "
+                "disparity_range (--disparity-range)"
+            )
+    return notes

@@ -1,0 +1,8 @@
+"""Private fast paths; each module names the plain form that its functions equal (tests/kernels).
+
+* :mod:`occjax.kernels.bilinear`: bilinear taps, reads of single planes and of packed pairs;
+* :mod:`occjax.kernels.convolution`: 2-D convolution with a fast kernel gradient on a CPU;
+* :mod:`occjax.kernels.minimal_filtering`: 3x3x3 convolution with half of the multiplications;
+* :mod:`occjax.kernels.volume_convolution`: 3x3x3 convolution with fast gradients;
+* :mod:`occjax.kernels.reductions`: reductions over the leading axis of a stack of maps.
+"""

@@ -1,0 +1,131 @@
+"""Bilinear taps, and fast bilinear reads of one or two channels with the border replicated.
+
+The plain form of :func:`warp_plane` and :func:`warp_packed_pair` is :func:`occjax.ops.warp`.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Float16, Int, UInt32
+
+from occjax.lightfield import project
+
+
+def whole_and_fraction(
+    displacement: Float[Array, "2"], size: tuple[int, int], dtype: jnp.dtype
+) -> tuple[Int[Array, "2"], Float[Array, "2"]]:
+    """Split a displacement ``(row, column)`` into whole pixels and a fraction in [0, 1).
+
+    A shift by more than the image reads only zeros, also in the rows next to the image. Clamping
+    the whole pixels to ``[-size - 2, size + 1]`` keeps them within the range of integers.
+
+    Args:
+        displacement: ``[2]`` displacement, in pixels.
+        size: ``(h, w)`` of the image, in pixels.
+        dtype: Type of the fraction.
+
+    Returns:
+        ``[2]`` int32 whole pixels and ``[2]`` fraction.
+    """
+    whole = jnp.floor(displacement)
+    fraction = (displacement - whole).astype(dtype)
+    limit = jnp.array(size, whole.dtype)
+    whole = jnp.clip(jax.lax.stop_gradient(whole), -limit - 2.0, limit + 1.0)
+    return whole.astype(jnp.int32), fraction
+
+
+def base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
+    """Return the lower bilinear tap in [0, size - 2] and the weight of the upper tap in [0, 1].
+
+    In an image one pixel wide the taps are -1 and 0, which are the same pixel.
+    """
+    base = jax.lax.stop_gradient(jnp.clip(jnp.floor(coordinate), 0.0, size - 2.0))
+    fraction = coordinate - base
+    # Not jnp.clip: at a bound it halves the derivative, and 0 is every whole number of pixels.
+    fraction = jnp.where(fraction < 0.0, 0.0, jnp.where(fraction >= 1.0, 1.0, fraction))
+    return base.astype(jnp.int32), fraction
+
+
+def project_pixels(
+    disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+    """Project every pixel of the centre view into another view; rows and columns, in pixels."""
+    h, w = disparity.shape
+    y = jnp.arange(h, dtype=disparity.dtype)[:, None]
+    x = jnp.arange(w, dtype=disparity.dtype)[None, :]
+    return project(y, x, disparity, offset)
+
+
+def inside_view(disparity: Float[Array, "h w"], offset: Float[Array, "2"]) -> Bool[Array, "h w"]:
+    """Return where the points of the centre view lie within the image of another view."""
+    h, w = disparity.shape
+    y, x = project_pixels(disparity, offset)
+    return (y >= 0) & (y <= h - 1) & (x >= 0) & (x <= w - 1)
+
+
+def warp_plane(
+    image: Float[Array, "h w"], disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+) -> Float[Array, "h w"]:
+    """Warp a single channel; equals :func:`occjax.ops.warp` with a replicated border.
+
+    XLA fuses the bilinear taps of an ``[h, w]`` image into the surrounding arithmetic. It cannot do
+    so for arrays with a short trailing axis.
+    """
+    taps, down, right = _taps(image, disparity, offset)
+    return _interpolate(taps, down.astype(image.dtype), right.astype(image.dtype))
+
+
+def pack_pairs(images: Float16[Array, "*b h w 2"]) -> UInt32[Array, "*b h w"]:
+    """Store two half-precision channels in the bits of one integer (:func:`warp_packed_pair`)."""
+    return jax.lax.bitcast_convert_type(images, jnp.uint32)
+
+
+def warp_packed_pair(
+    pairs: UInt32[Array, "h w"], disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+    """Warp two channels at once; equals two calls of :func:`warp_plane`.
+
+    Reads at scattered addresses take most of the time of a warp on a CPU. Packed pairs halve their
+    number. The result has a derivative with respect to the disparity only.
+
+    Args:
+        pairs: ``[h, w]`` two channels packed by :func:`pack_pairs`.
+        disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
+        offset: ``[2]`` offset ``(row, column)`` of the view from the centre view, in view steps.
+
+    Returns:
+        Two warped channels ``[h, w]``, float32.
+    """
+    taps, down, right = _taps(pairs, disparity, offset)
+
+    def channel(shift):
+        halves = [(tap >> jnp.uint32(shift)).astype(jnp.uint16) for tap in taps]
+        values = [jax.lax.bitcast_convert_type(half, jnp.float16) for half in halves]
+        return _interpolate([value.astype(jnp.float32) for value in values], down, right)
+
+    return channel(0), channel(16)
+
+
+def _taps(image: Array, disparity: Array, offset: Array) -> tuple[list[Array], Array, Array]:
+    """Read the four bilinear taps ``[h, w]`` of each point and the fractions between them.
+
+    The flat image is read, so that one index serves all four taps.
+    """
+    h, w = image.shape
+    y, x = project_pixels(disparity, offset)
+    row, down = base_and_fraction(y, h)
+    column, right = base_and_fraction(x, w)
+    # In an image one pixel high or wide both taps are that pixel.
+    flat, base = image.reshape(-1), jnp.maximum(row, 0) * w + jnp.maximum(column, 0)
+    row_step, column_step = min(h - 1, 1) * w, min(w - 1, 1)
+    steps = (0, column_step, row_step, row_step + column_step)
+    return [flat.at[base + step].get(mode="promise_in_bounds") for step in steps], down, right
+
+
+def _interpolate(taps: list[Array], down: Array, right: Array) -> Array:
+    """Interpolate between four taps, given row by row."""
+    upper, lower = (
+        left_tap * (1 - right) + right_tap * right for left_tap, right_tap in (taps[:2], taps[2:])
+    )
+    return upper * (1 - down) + lower * down

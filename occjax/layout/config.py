@@ -1,0 +1,98 @@
+"""Settings of the measurement of layout and disparity range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class LayoutConfig:
+    """Settings of :func:`occjax.layout.check`.
+
+    Grey values and grey differences are relative to the brightness of the centre view, so that no
+    threshold depends on the exposure. Radii are half widths of square windows, in pixels of the
+    reduced images.
+
+    Attributes:
+        view_steps: Distances from the centre view, in views, of the views that are compared on each
+            arm of the cross. Near views allow large disparities, far views give precision.
+        coarse_size_px: Maximum length of the shorter image side in the search over all disparities.
+        fine_size_px: Maximum length of the shorter image side in the final measurement.
+        brightness_percentile: Percentile of the grey values of the centre view that is its
+            brightness.
+        high_pass_radius_px: Radius of the local mean that is subtracted from each view, against
+            vignetting.
+        max_motion: Maximum motion between the centre view and the outermost compared view, as a
+            fraction of the shorter image side.
+        max_disparity: Maximum disparity, in shorter image sides per view step.
+        max_candidates: Maximum number of disparity candidates.
+        candidate_motion_px: Minimum motion of the outermost compared view from one candidate to the
+            next, in pixels of the reduced images.
+        cost_radii_px: Radius of the mean of the cost, for arms of one view, of two views and so on.
+            Fewer views need a larger window.
+        noise_floor: Mean grey differences that differ by less than this count as equal.
+        clearly_worse_ratio: Ratio of two mean grey differences above which one is clearly worse.
+            Correct and wrong layouts of real light fields differ by factors of 1.4 to 4.
+        window_radii_px: Radii of the additional mean of the cost in which disparities are measured.
+            Weak texture needs large windows, thin surfaces need small ones.
+        clear_minimum: Ratio of lowest to mean cost below which a disparity is reliable, whatever
+            the noise.
+        significance: Standard deviations of the noise by which the lowest cost must be below the
+            mean cost for a disparity to be reliable.
+        max_noise_fraction: Fraction of the textured pixels that look reliable in pure noise.
+        min_group_fraction: Fraction of the reliable disparities below which a group apart from all
+            others is an outlier, for instance from repeated texture.
+        range_percentiles: Percentiles of the reliable disparities that bound the range.
+        sufficient_fraction: Fraction of reliably measured pixels below which the range is widened.
+        range_step: The range is rounded outwards to multiples of this, in pixels per view step.
+        unknown_range: Range if nothing can be measured, in pixels per view step; that of the
+            published network.
+        min_collision_px: Minimum distance of two points of the centre view that meet in one pixel
+            of another view, so that rounding alone cannot make them meet.
+        max_visible_difference: Grey difference below which a point counts as visible in a view.
+        min_hidden_difference: Grey difference above which a point counts as hidden in a view. The
+            gap to ``max_visible_difference`` leaves out points that blur of the disparity map has
+            misplaced.
+        min_collisions: Minimum number of decided collisions for a statement about the sign.
+        sign_fraction: Fraction of collisions that settles the sign of disparity. Disparity edges
+            that are too wide vote for the wrong sign: real 3x3 crops reach only 0.35 for the
+            correct one.
+        min_textured_fraction: Fraction of textured pixels below which equally consistent layouts do
+            not show that the views are no light field.
+        wrong_grid_fraction: Fraction of reliable pixels above which they do show it, if the scene
+            has a disparity of at least ``wrong_grid_disparity``.
+        wrong_grid_disparity: See ``wrong_grid_fraction``, in pixels per view step.
+        wrong_grid_span: Range of disparity, relative to the largest candidate, above which equally
+            consistent layouts show that the views are no light field.
+    """
+
+    view_steps: tuple[int, ...] = (1, 2, 4)
+    coarse_size_px: int = 96
+    fine_size_px: int = 256
+    brightness_percentile: float = 98.0
+    high_pass_radius_px: int = 4
+    max_motion: float = 0.2
+    max_disparity: float = 0.08
+    max_candidates: int = 65
+    candidate_motion_px: float = 0.5
+    cost_radii_px: tuple[int, ...] = (3, 2, 1)
+    noise_floor: float = 0.05 / 255
+    clearly_worse_ratio: float = 1.15
+    window_radii_px: tuple[int, ...] = (0, 3, 8)
+    clear_minimum: float = 0.5
+    significance: float = 5.0
+    max_noise_fraction: float = 0.05
+    min_group_fraction: float = 0.002
+    range_percentiles: tuple[float, float] = (0.05, 99.95)
+    sufficient_fraction: float = 0.6
+    range_step: float = 0.05
+    unknown_range: tuple[float, float] = (-4.0, 4.0)
+    min_collision_px: float = 1.5
+    max_visible_difference: float = 0.04
+    min_hidden_difference: float = 0.08
+    min_collisions: int = 50
+    sign_fraction: float = 0.8
+    min_textured_fraction: float = 0.1
+    wrong_grid_fraction: float = 0.85
+    wrong_grid_disparity: float = 0.3
+    wrong_grid_span: float = 1.6

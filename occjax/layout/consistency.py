@@ -1,0 +1,259 @@
+"""Photo-consistency of the views under each layout of their grid.
+
+The views of the cross around the centre view are compared, in grey, reduced in size and without
+slow brightness changes (vignetting). The cross has four arms. Each arm gives two cost volumes: one
+for motion along image columns, one for motion along image rows. The cost of each of the eight
+layouts is a combination of these volumes:
+
+* correct order: views on the grid row move along x, views on the grid column along y;
+* swapped order: the other way round;
+* flipped axis: its disparity has the opposite sign.
+
+Of two opposite arms the lower cost counts at each pixel, because an occluded point is usually
+visible from one side.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from occjax.layout.config import LayoutConfig
+from occjax.layout.orientation import Orientation
+from occjax.lightfield import LightField, centre_index, to_grey, view_offsets
+from occjax.ops import refined_volume
+
+Image = TypeVar("Image", np.ndarray, Array)
+
+CANDIDATES_PER_CALL = 13
+"""Number of candidates in one call of the compiled program: all disparity ranges share it."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Views on one side of the centre view.
+
+    Attributes:
+        on_row: Whether the views are on the grid row of the centre view, else on its grid column.
+        offsets: ``[n]`` distances from the centre view in view steps, all of one sign.
+        images: ``[n, h, w]`` grey views, the outermost view last.
+    """
+
+    on_row: bool
+    offsets: np.ndarray
+    images: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cross:
+    """The centre view and the arms around it, reduced in size.
+
+    Attributes:
+        centre: ``[h, w]`` grey centre view.
+        arms: Up to four arms; fewer in small grids.
+        scale: Pixels of the light field per pixel of the reduced images.
+        brightness: Grey value that all grey values are divided by.
+        config: Settings of the measurement.
+    """
+
+    centre: np.ndarray
+    arms: tuple[Arm, ...]
+    scale: int
+    brightness: float
+    config: LayoutConfig
+
+    @property
+    def reach(self) -> float:
+        """Return the largest distance from the centre view, in view steps."""
+        return max(float(np.abs(arm.offsets).max()) for arm in self.arms)
+
+
+def view_cross(light_field: LightField, size_px: int, config: LayoutConfig) -> Cross:
+    """Return the cross of views, reduced so that the shorter image side is at most ``size_px``.
+
+    Args:
+        light_field: At least two views.
+        size_px: Maximum length of the shorter image side, in pixels.
+        config: Settings of the measurement.
+
+    Returns:
+        Grey views relative to the brightness of the centre view.
+    """
+    scale = max(1, math.ceil(min(light_field.image_size) / size_px))
+    rows, columns = light_field.grid
+    v0, u0 = centre_index(light_field.grid)
+    positions = light_field.positions
+    offsets = view_offsets(rows, columns) if positions is None else positions
+
+    def image(v: int, u: int) -> np.ndarray:
+        return _reduce(to_grey(light_field.views[v, u]), scale)
+
+    centre = image(v0, u0)
+    brightness = np.float32(np.percentile(centre, config.brightness_percentile)) or np.float32(1)
+    arms = []
+    for on_row, sign in ((True, -1), (True, 1), (False, -1), (False, 1)):
+        steps = [sign * step for step in config.view_steps]
+        indices = [(v0, u0 + step) if on_row else (v0 + step, u0) for step in steps]
+        indices = [(v, u) for v, u in indices if 0 <= v < rows and 0 <= u < columns]
+        if indices:
+            distances = np.array([offsets[v, u, int(on_row)] for v, u in indices])
+            images = np.stack([image(v, u) / brightness for v, u in indices])
+            arms.append(Arm(on_row, distances, images))
+    return Cross(centre / brightness, tuple(arms), scale, float(brightness), config)
+
+
+class CostVolumes:
+    """Cost of each disparity candidate at each pixel, for every layout.
+
+    Attributes:
+        config: Settings of the measurement.
+        candidates: ``[d]`` disparities in pixels of the light field per view step, symmetric
+            around zero: reversing a volume negates its disparity.
+        step: Distance of neighbouring candidates.
+        images: Number of grey differences in the cost of a pixel.
+        window: Side of the square, in pixels, over which the cost is averaged.
+    """
+
+    def __init__(self, cross: Cross, max_disparity: float) -> None:
+        """Compare all arms of the cross with its centre view.
+
+        Args:
+            cross: Views to compare.
+            max_disparity: Largest disparity to search, in pixels of the light field per view step.
+        """
+        self.config = cross.config
+        self.candidates = _candidates(cross, max_disparity)
+        self.step = float(self.candidates[1] - self.candidates[0])
+        lengths = {arm.on_row: len(arm.images) for arm in cross.arms}
+        self.images = sum(lengths.values())
+        self.window = min(2 * self.config.cost_radii_px[n - 1] + 1 for n in lengths.values())
+        cross = _high_pass(cross)
+        # JAX computes in the background: all arms are started before the first one is used.
+        running = [
+            (arm, axis, _start_arm(cross, arm, axis, self.candidates))
+            for arm in cross.arms
+            for axis in (0, 1)
+        ]
+        self._volumes: dict[tuple[bool, int], np.ndarray] = {}
+        for arm, axis, parts in running:
+            volume = np.concatenate(parts)[: len(self.candidates)]
+            opposite = self._volumes.get((arm.on_row, axis), volume)
+            self._volumes[arm.on_row, axis] = np.minimum(volume, opposite)
+
+    def of(self, orientation: Orientation) -> np.ndarray:
+        """Return the ``[d, h, w]`` mean absolute grey difference under a layout."""
+        parts = []
+        for on_row in (True, False):
+            axis, sign = motion(on_row, orientation)
+            if (on_row, axis) in self._volumes:
+                parts.append(self._volumes[on_row, axis][::sign])
+        return parts[0] if len(parts) == 1 else (parts[0] + parts[1]) / np.float32(2)
+
+    def score(self, orientation: Orientation) -> float:
+        """Return the mean over all pixels of the lowest cost under a layout."""
+        return float(self.of(orientation).min(0).mean())
+
+
+def motion(on_row: bool, orientation: Orientation) -> tuple[int, int]:
+    """Return the image axis along which the views of an arm move, and the sign of disparity."""
+    axis = int(on_row != orientation.swap)
+    flipped = orientation.flip_columns if axis == 1 else orientation.flip_rows
+    return axis, -1 if flipped else 1
+
+
+def box_mean(image: Image, radius: int) -> Image:
+    """Return the ``[h, w]`` mean over a square of side ``2 * radius + 1``; borders replicated.
+
+    Args:
+        image: ``[h, w]`` NumPy or JAX array; the result is of the same kind.
+        radius: Half width of the square, in pixels.
+    """
+    h, w = image.shape
+    side = 2 * radius + 1
+    padded = image.__array_namespace__().pad(image, radius, mode="edge")
+    rows = padded[:h].copy()
+    for start in range(1, side):
+        rows += padded[start : start + h]
+    mean = rows[:, :w].copy()
+    for start in range(1, side):
+        mean += rows[:, start : start + w]
+    mean /= np.float32(side**2)
+    return mean
+
+
+def _candidates(cross: Cross, max_disparity: float) -> np.ndarray:
+    """Return ``[d]`` evenly spaced disparities around zero."""
+    step = max(
+        cross.config.candidate_motion_px * cross.scale / cross.reach,
+        2 * max_disparity / (cross.config.max_candidates - 1),
+    )
+    count = math.ceil(max_disparity / step)
+    return np.arange(-count, count + 1) * step
+
+
+def _high_pass(cross: Cross) -> Cross:
+    """Subtract the local mean from every view."""
+
+    def subtract_mean(image: np.ndarray) -> np.ndarray:
+        return image - box_mean(image, cross.config.high_pass_radius_px)
+
+    arms = [replace(arm, images=np.stack([*map(subtract_mean, arm.images)])) for arm in cross.arms]
+    return replace(cross, centre=subtract_mean(cross.centre), arms=tuple(arms))
+
+
+def _start_arm(cross: Cross, arm: Arm, axis: int, candidates: np.ndarray) -> list[Array]:
+    """Start the comparison of one arm, moving along one image axis, with the centre view.
+
+    Returns:
+        ``[CANDIDATES_PER_CALL, h, w]`` parts of the cost volume; the last candidate is repeated to
+        fill the last part.
+    """
+    n = len(arm.images)
+    offsets = np.zeros((n, 2), np.float32)
+    offsets[:, axis] = arm.offsets / cross.scale
+    radius = cross.config.cost_radii_px[n - 1]
+    padded = np.pad(candidates, (0, -len(candidates) % CANDIDATES_PER_CALL), mode="edge")
+    return [
+        _arm_volume(cross.centre, arm.images, offsets, np.float32(part), radius)
+        for part in padded.reshape(-1, CANDIDATES_PER_CALL)
+    ]
+
+
+@partial(jax.jit, static_argnames="radius")
+def _arm_volume(
+    centre: Float[Array, "h w"],
+    images: Float[Array, "n h w"],
+    offsets: Float[Array, "n 2"],
+    candidates: Float[Array, " d"],
+    radius: int,
+) -> Float[Array, "d h w"]:
+    """Return the local mean of the absolute difference of shifted views from the centre view."""
+
+    def combine(views: Float[Array, "1 n h w 1"], _: Array | None) -> Float[Array, "h w"]:
+        differences = jnp.abs(views[0, ..., 0] - centre[None])
+        # As a product, because XLA would repeat the reads of the views within a fused mean.
+        weights = jnp.full(len(differences), 1 / len(differences), differences.dtype)
+        return box_mean(jnp.tensordot(weights, differences, 1, precision="highest"), radius)
+
+    return refined_volume(
+        images[None, ..., None],
+        jnp.zeros_like(centre),
+        candidates,
+        offsets=offsets[None],
+        combine=combine,
+        streamed=True,
+    )
+
+
+def _reduce(image: np.ndarray, scale: int) -> np.ndarray:
+    """Return means of ``scale`` x ``scale`` blocks; incomplete blocks are left out."""
+    h, w = image.shape[0] // scale, image.shape[1] // scale
+    blocks = image[: h * scale, : w * scale].reshape(h, scale, w, scale)
+    return blocks.mean((1, 3), dtype=np.float32)

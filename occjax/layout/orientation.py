@@ -1,0 +1,189 @@
+"""The eight layouts of a grid of views, and how to convert between them.
+
+Files list views row by row or column by column, rows downwards or upwards, columns rightwards or
+leftwards. The convention of :mod:`occjax.lightfield` is one of the eight layouts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.lightfield import LightField, centre_index
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """A change of the layout of a grid of views: first swap its axes, then flip them.
+
+    Attributes:
+        swap: The first index of the grid is the view column, not the row.
+        flip_rows: After the swap, view rows run from bottom to top.
+        flip_columns: After the swap, view columns run from right to left.
+    """
+
+    swap: bool = False
+    flip_rows: bool = False
+    flip_columns: bool = False
+
+    @property
+    def name(self) -> str:
+        """Return the description, e.g. ``"rows and columns swapped, rows flipped"``.
+
+        Example:
+            >>> Orientation(swap=True, flip_rows=True).name
+            'rows and columns swapped, rows flipped'
+        """
+        parts = []
+        if self.swap:
+            parts.append("rows and columns swapped")
+        if self.flip_rows and self.flip_columns:
+            parts.append("rows and columns flipped")
+        elif self.flip_rows:
+            parts.append("rows flipped")
+        elif self.flip_columns:
+            parts.append("columns flipped")
+        return ", ".join(parts) or "as declared"
+
+    @property
+    def order(self) -> str:
+        """Return ``"uv"`` if the axes are swapped, else ``"vu"``."""
+        return "uv" if self.swap else "vu"
+
+    @property
+    def flip(self) -> str:
+        """Return the flipped axes: ``""``, ``"v"``, ``"u"`` or ``"vu"``."""
+        return "v" * self.flip_rows + "u" * self.flip_columns
+
+    @property
+    def reversed_sign(self) -> Orientation:
+        """Return this layout with both axes flipped in addition, which negates disparity."""
+        return Orientation(self.swap, not self.flip_rows, not self.flip_columns)
+
+    def then(self, other: Orientation) -> Orientation:
+        """Combine this orientation with one that is applied after it.
+
+        Args:
+            other: The orientation that is applied second.
+
+        Returns:
+            The orientation that has the effect of both.
+
+        Example:
+            >>> swap, rows = Orientation(swap=True), Orientation(flip_rows=True)
+            >>> rows.then(swap).name
+            'rows and columns swapped, columns flipped'
+        """
+        rows, columns = self.flip_rows, self.flip_columns
+        if other.swap:
+            rows, columns = columns, rows
+        return Orientation(
+            self.swap != other.swap, rows != other.flip_rows, columns != other.flip_columns
+        )
+
+    def apply(self, light_field: LightField) -> LightField:
+        """Return the light field with its grid swapped and flipped.
+
+        Camera positions follow the views: a swap exchanges their two components, a flip negates
+        one. The ground truth belongs to the centre view and stays, except where a flip of an axis
+        of even size makes another view the centre. The layout report is dropped.
+
+        Args:
+            light_field: Light field with any grid.
+
+        Returns:
+            The same views, as a contiguous copy, in the new layout.
+
+        Example:
+            >>> light_field = LightField(np.zeros((3, 5, 8, 8, 1), np.uint8))
+            >>> Orientation(swap=True).apply(light_field).grid
+            (5, 3)
+        """
+        views = np.ascontiguousarray(self._lay_out(light_field.views))
+        rows, columns = views.shape[:2]
+        positions, ground_truth = light_field.positions, light_field.ground_truth
+        if positions is not None:
+            positions = self._lay_out(positions[..., ::-1] if self.swap else positions)
+            signs = np.where([self.flip_rows, self.flip_columns], -1.0, 1.0)
+            positions = positions * signs.astype(positions.dtype)
+            positions = positions - positions[centre_index((rows, columns))]
+        if (self.flip_rows and rows % 2 == 0) or (self.flip_columns and columns % 2 == 0):
+            ground_truth = None
+        return dataclasses.replace(
+            light_field,
+            views=views,
+            positions=positions,
+            ground_truth=ground_truth,
+            layout_report=None,
+        )
+
+    def _lay_out(self, grid: np.ndarray) -> np.ndarray:
+        """Swap and flip the first two axes of an array."""
+        if self.swap:
+            grid = grid.swapaxes(0, 1)
+        if self.flip_rows:
+            grid = grid[::-1]
+        if self.flip_columns:
+            grid = grid[:, ::-1]
+        return grid
+
+
+ORIENTATIONS = tuple(
+    Orientation(swap, rows, columns)
+    for swap, rows, columns in itertools.product((False, True), repeat=3)
+)
+"""The eight layouts; the first one is the convention of this library."""
+
+
+def declared_orientation(order: str, flip: str) -> Orientation:
+    """Return the orientation that corrects the layout that a user declares.
+
+    Args:
+        order: ``"vu"`` if the first index of the files is the view row, ``"uv"`` if it is the view
+            column.
+        flip: Axes that run backwards once the order is correct: any of ``"v"`` (rows run from
+            bottom to top) and ``"u"`` (columns run from right to left).
+
+    Returns:
+        The orientation; its ``apply`` puts a light field into the order of the library.
+
+    Raises:
+        InputError: If ``order`` or ``flip`` has another value.
+
+    Example:
+        >>> declared_orientation("uv", "v")
+        Orientation(swap=True, flip_rows=True, flip_columns=False)
+    """
+    if order not in ("vu", "uv"):
+        raise InputError(f"order is {order!r}; it must be 'vu' (row first) or 'uv' (column first)")
+    if flip not in ("", "v", "u", "vu", "uv"):
+        raise InputError(f"flip is {flip!r}; it must be '', 'v' (rows), 'u' (columns) or 'vu'")
+    return Orientation(order == "uv", "v" in flip, "u" in flip)
+
+
+def declaration(orientation: Orientation) -> str:
+    """Return the advice how to declare an orientation, in Python or on the command line.
+
+    Args:
+        orientation: What corrects the layout of the files.
+
+    Returns:
+        An instruction, for a message to the user.
+
+    Example:
+        >>> declaration(Orientation(swap=True, flip_rows=True))
+        'pass order (--order uv) and flip (--flip v)'
+        >>> declaration(Orientation())
+        'leave out order and flip'
+    """
+    order = f"order (--order {orientation.order})" if orientation.swap else ""
+    flip = f"flip (--flip {orientation.flip})" if orientation.flip else ""
+    if order and flip:
+        return f"pass {order} and {flip}"
+    if not order and not flip:
+        return "leave out order and flip"
+    return f"pass {order or flip} alone"

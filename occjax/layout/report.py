@@ -1,0 +1,238 @@
+"""Report on the layout of the grid of views and on the disparity range.
+
+A light field whose rows and columns are swapped, or reversed, still loads and still gives a
+disparity map, but a wrong one. :func:`check` detects this from the images alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.layout.config import LayoutConfig
+from occjax.layout.consistency import CostVolumes, view_cross
+from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
+from occjax.layout.occlusion_order import nearer_in_front
+from occjax.layout.orientation import ORIENTATIONS, Orientation
+from occjax.lightfield import LightField
+
+DECLARED = Orientation()
+"""The layout of the light field as it is given."""
+
+
+@dataclass(frozen=True)
+class LayoutReport:
+    """Measurement of the layout of the grid and of the disparity range.
+
+    The eight layouts form four pairs. The two layouts of a pair differ only by the sign of
+    disparity and are equally consistent. Occlusion tells them apart if the scene has enough of it.
+
+    Attributes:
+        scores: Inconsistency of each layout by its name: mean grey difference, in [0, 1], between
+            the centre view and the others at the best disparity of each pixel. Lower is better.
+        best: The correct layout, to be applied to the light field as it is now; the identity
+            unless the report is conclusive.
+        conclusive: Whether one layout, up to the sign of disparity, is clearly better than the
+            others. If not, the views have no texture or no disparity, or are consistent in no
+            layout: the grid or the arrangement of a mosaic may be wrong.
+        clearly_worse: Whether the light field as it is now is certainly wrong.
+        nearer_in_front: Under ``best``, the fraction of occlusions in which the surface of larger
+            disparity is in front: near 1 if the sign is correct; None if there are too few.
+        sign_known: Whether the occlusions settle the sign. If not, ``best`` and
+            ``best.reversed_sign`` are equally likely, and ``best`` is the one closer to the light
+            field as it is now.
+        disparity_range: Range of the scene under ``best``, with a small margin, in pixels per view
+            step; (-4, 4) if nothing could be measured.
+        measured_fraction: Fraction of the pixels that the range rests on; 0 if there is no texture,
+            or no more pixels are measured than in pure noise.
+        plausible: Whether the views can belong to one light field. False if they are textured but
+            no layout is more consistent than the others: noise, or a wrongly split mosaic.
+    """
+
+    scores: dict[str, float]
+    best: Orientation
+    conclusive: bool
+    clearly_worse: bool
+    nearer_in_front: float | None
+    sign_known: bool
+    disparity_range: tuple[float, float]
+    measured_fraction: float
+    plausible: bool
+
+    @property
+    def declared_range(self) -> tuple[float, float]:
+        """Return the disparity range for the light field as it is now.
+
+        This is ``disparity_range``, negated if ``best`` reverses only the sign of disparity.
+        """
+        low, high = self.disparity_range
+        return (-high, -low) if self.best == DECLARED.reversed_sign else (low, high)
+
+
+def check(light_field: LightField, config: LayoutConfig | None = None) -> LayoutReport:
+    """Measure in which of its eight layouts the grid of views is consistent.
+
+    Takes about a second for 9x9 views of 512x512. A light field that carries its report already
+    (:func:`occjax.load` stores it) is not measured again. Grids of one row or column work: the two
+    flips along the missing axis change nothing, and a swap shows as motion along the wrong image
+    axis.
+
+    Args:
+        light_field: At least two views.
+        config: Settings of a new measurement; None for the stored report, or the default settings
+            if there is none.
+
+    Returns:
+        The scores of the eight layouts, the best layout, and the disparity range of the scene.
+
+    Raises:
+        InputError: If there is only one view, or all camera positions are the same.
+
+    Example:
+        >>> columns = np.random.default_rng(0).random(80, np.float32)
+        >>> rows = np.random.default_rng(1).random(80, np.float32)
+        >>> wall = np.add.outer(rows, columns)[None, ..., None] / 2
+        >>> views = np.stack([[np.roll(wall[0], (-v, -u), (0, 1)) for u in (-1, 0, 1)]
+        ...                   for v in (-1, 0, 1)])  # disparity 1 everywhere
+        >>> check(LightField(views[::-1])).best.name
+        'rows flipped'
+    """
+    if config is None and light_field.layout_report is not None:
+        return light_field.layout_report
+    config = LayoutConfig() if config is None else config
+    if light_field.grid == (1, 1):
+        raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
+    coarse_cross = view_cross(light_field, config.coarse_size_px, config)
+    if coarse_cross.reach == 0.0:
+        raise InputError(
+            f"{light_field.name}: all camera positions are the same; give the true positions"
+        )
+    largest = min(light_field.image_size) * min(
+        config.max_motion / coarse_cross.reach, config.max_disparity
+    )
+    coarse = CostVolumes(coarse_cross, largest)
+    rough = measure_disparity(coarse, _most_consistent(_scores(coarse), config))
+
+    fine_cross = view_cross(light_field, config.fine_size_px, config)
+    sufficient = rough.reliable_fraction >= config.sufficient_fraction
+    if rough.limits is not None and sufficient and fine_cross.scale < coarse_cross.scale:
+        largest = min(largest, 1.25 * float(np.abs(rough.limits).max()) + coarse.step)
+    fine = CostVolumes(fine_cross, largest)
+    scores = _scores(fine)
+    best = _most_consistent(scores, config)
+    measurement = measure_disparity(fine, best)
+    front = nearer_in_front(fine_cross, measurement.disparity, best)
+    sign_known = front is not None and max(front, 1 - front) >= config.sign_fraction
+    if front is not None and sign_known and front < 0.5:
+        best, front = best.reversed_sign, 1 - front
+        measurement = measure_disparity(fine, best)
+
+    one_stands_out, all_alike = _compare(scores, light_field.grid, config)
+    conclusive = one_stands_out and measurement.limits is not None
+    if not conclusive and best != DECLARED:  # There is no reason to doubt the declared layout.
+        best, front, sign_known = DECLARED, None, False
+        measurement = measure_disparity(fine, best)
+    otherwise = _clearly_worse(scores[DECLARED], scores[best], config)
+    only_the_sign = best == DECLARED.reversed_sign and sign_known
+    return LayoutReport(
+        scores={o.name: score * fine_cross.brightness for o, score in scores.items()},
+        best=best,
+        conclusive=conclusive,
+        clearly_worse=conclusive and (otherwise or only_the_sign),
+        nearer_in_front=front,
+        sign_known=sign_known,
+        disparity_range=measurement.search_range,
+        measured_fraction=measurement.reliable_fraction,
+        plausible=conclusive
+        or not (all_alike and _is_no_light_field(measurement, fine.candidates[-1], config)),
+    )
+
+
+def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tuple[str, ...]]:
+    """Return the disparity range to search: the declared range, else the measured one.
+
+    Args:
+        light_field: At least two views, unless it declares its range.
+
+    Returns:
+        ``(minimum, maximum)`` in pixels per view step for the light field as it is now, and notes
+        for the user: empty if the light field declares its range, else how the range was found.
+
+    Raises:
+        InputError: If the range must be measured and there is only one view, or all camera
+            positions are the same.
+
+    Example:
+        >>> views = np.zeros((3, 3, 16, 16, 1), np.uint8)
+        >>> disparity_range_of(LightField(views, disparity_range=(-1.0, 2.0)))
+        ((-1.0, 2.0), ())
+        >>> disparity_range_of(LightField(views))[0]
+        (-4.0, 4.0)
+    """
+    if light_field.disparity_range is not None:
+        return light_field.disparity_range, ()
+    report = check(light_field)
+    low, high = report.declared_range
+    if not report.measured_fraction:
+        note = (
+            f"too little texture to measure the disparity range; searched [{low:.2f}, {high:.2f}]"
+        )
+    else:
+        note = (
+            f"disparity range [{low:.2f}, {high:.2f}] found by photo-consistency in "
+            f"{report.measured_fraction:.0%} of the pixels"
+        )
+    return (low, high), (note,)
+
+
+def _scores(volumes: CostVolumes) -> dict[Orientation, float]:
+    """Return the mean lowest cost of each layout; the two layouts of a pair have the same."""
+    pairs = {o: volumes.score(o) for o in ORIENTATIONS if not o.flip_columns}
+    return {o: pairs[o.reversed_sign if o.flip_columns else o] for o in ORIENTATIONS}
+
+
+def _most_consistent(scores: dict[Orientation, float], config: LayoutConfig) -> Orientation:
+    """Return the best layout up to the sign; the declared one unless it is clearly worse."""
+    best = min((o for o in ORIENTATIONS if not o.flip_columns), key=scores.__getitem__)
+    return best if _clearly_worse(scores[DECLARED], scores[best], config) else DECLARED
+
+
+def _clearly_worse(score: float, best: float, config: LayoutConfig) -> bool:
+    """Return whether a layout of this score is certainly worse than the best."""
+    return score > config.clearly_worse_ratio * best and score - best > config.noise_floor
+
+
+def _compare(
+    scores: dict[Orientation, float], grid: tuple[int, int], config: LayoutConfig
+) -> tuple[bool, bool]:
+    """Return whether one layout, up to the sign, is clearly best, and whether all are alike.
+
+    On a grid of one row or column the flip along the missing axis changes nothing.
+    """
+    kinds = [DECLARED, Orientation(swap=True)]
+    if min(grid) > 1:
+        kinds += [Orientation(flip_rows=True), Orientation(swap=True, flip_rows=True)]
+    ranked = sorted(scores[kind] for kind in kinds)
+    one_stands_out = _clearly_worse(ranked[1], ranked[0], config)
+    return one_stands_out, not _clearly_worse(ranked[-1], ranked[0], config)
+
+
+def _is_no_light_field(
+    measurement: DisparityMeasurement, largest: float, config: LayoutConfig
+) -> bool:
+    """Return whether views that are equally consistent in all layouts cannot be a light field.
+
+    Views without texture, copies of one view, and copies with noise are equally consistent too.
+    """
+    if measurement.textured_fraction < config.min_textured_fraction:
+        return False
+    if measurement.limits is None:
+        return True
+    low, high = measurement.limits
+    whole_range = high - low > config.wrong_grid_span * largest
+    moves = max(-low, high) > config.wrong_grid_disparity
+    return bool(
+        whole_range or (moves and measurement.reliable_fraction > config.wrong_grid_fraction)
+    )

@@ -1,0 +1,142 @@
+"""Model configurations as JSON, and the conversion of files of earlier versions."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from occjax.models import occcasnet, proposal
+from occjax.models.registry import ModelConfig
+
+_KINDS: dict[str, Callable[..., Any]] = {
+    kind.__name__: kind
+    for module in (occcasnet, proposal)
+    for kind in vars(module).values()
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type)
+}
+
+LEGACY_PARAMETERS = {"params/sectors/choice/": "params/selector/"}
+"""Prefixes of the names of variables in files of earlier versions, and their present form."""
+
+
+def config_to_json(config: ModelConfig) -> str:
+    """Encode a configuration as JSON; every dataclass names its kind.
+
+    Args:
+        config: Configuration of a model.
+
+    Returns:
+        JSON.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> config_from_json(config_to_json(preset("proposal"))) == preset("proposal")
+        True
+    """
+
+    def encode(value: Any) -> Any:
+        if dataclasses.is_dataclass(value):
+            fields = {
+                field.name: encode(getattr(value, field.name))
+                for field in dataclasses.fields(value)
+            }
+            return {"kind": type(value).__name__, **fields}
+        return [encode(item) for item in value] if isinstance(value, tuple) else value
+
+    return json.dumps(encode(config))
+
+
+def config_from_json(text: str) -> ModelConfig:
+    """Decode the JSON of :func:`config_to_json`, also of earlier versions.
+
+    Args:
+        text: JSON.
+
+    Returns:
+        The configuration.
+
+    Raises:
+        ValueError: If the text does not describe a model of this version.
+    """
+
+    def decode(value: Any) -> Any:
+        if isinstance(value, dict):
+            fields = {key: decode(item) for key, item in value.items()}
+            return _KINDS[fields.pop("kind")](**fields)
+        return tuple(decode(item) for item in value) if isinstance(value, list) else value
+
+    try:
+        config = decode(_convert_legacy(json.loads(text)))
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"not a model configuration of this version: {error}") from error
+    if not isinstance(config, ModelConfig):
+        raise ValueError("not a model configuration")
+    return config
+
+
+def convert_legacy_names(variables: Mapping[str, Any]) -> dict[str, Any]:
+    """Rename variables of earlier versions, given by their paths such as ``params/conv/kernel``.
+
+    Example:
+        >>> convert_legacy_names({"params/sectors/choice/stay": 3.0})
+        {'params/selector/stay': 3.0}
+    """
+    renamed = {}
+    for name, value in variables.items():
+        for before, after in LEGACY_PARAMETERS.items():
+            if name.startswith(before):
+                name = after + name.removeprefix(before)
+        renamed[name] = value
+    return renamed
+
+
+def _convert_legacy(description: dict[str, Any]) -> dict[str, Any]:
+    """Convert a description of version 0.1, where one class configured both networks."""
+    if description.get("kind") != "NetworkConfig":
+        return description
+    first, *others = description["stages"]
+    if description["views"] is None:
+        return _legacy_proposal(description, first, others[0])
+    stages = [
+        {
+            **{name: stage[name] for name in ("kind", "candidates", "volume", "occlusion")},
+            "attention": stage["attention"],
+            "aggregation": {**stage["aggregation"], "kind": "AggregationConfig"},
+        }
+        for stage in (first, *others)
+    ]
+    kept = {name: value for name, value in description.items() if name != "reach"}
+    return {**kept, "kind": "OccCasNetConfig", "stages": stages}
+
+
+def _legacy_proposal(description: dict, search: dict, choice: dict) -> dict[str, Any]:
+    semi_global, selector = search["semi_global"], choice["aggregation"]
+    candidates = search["candidates"]
+    return {
+        "kind": "ProposalConfig",
+        "costs": {**description["features"], "kind": "CostConfig"},
+        "search": {
+            "kind": "SearchConfig",
+            "interval": candidates[1] - candidates[0],
+            "default_limit": candidates[-1],
+            "smoothness": semi_global["smoothness"],
+            "max_edge_penalty": semi_global["jump"],
+            "edge_contrast": semi_global["edge"],
+            "temperature": semi_global["temperature"],
+        },
+        "refinement": {"kind": "RefinementConfig", "steps": choice["plane_steps"]},
+        "proposals": {
+            "kind": "ProposalsConfig",
+            "offsets": choice["neighbours"],
+            "min_second_distance": choice["second"],
+        },
+        "selector": {
+            "kind": "SelectorConfig",
+            "width": selector["width"],
+            "context": selector["context"],
+            "window": choice["window"],
+        },
+        "reach": description["reach"],
+    }

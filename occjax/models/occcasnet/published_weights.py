@@ -1,0 +1,162 @@
+"""Download of the weights that the authors of the paper published.
+
+Their repository has no licence, so this project does not contain or redistribute the weights. Each
+user downloads them from the authors. The git blob id, which the authors' repository uses for the
+file, verifies the download.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Generator
+from contextlib import closing
+from http.client import HTTPException, IncompleteRead
+from pathlib import Path
+
+import platformdirs
+from tqdm import tqdm
+
+from occjax.errors import InputError
+from occjax.io.atomic import atomic_path
+from occjax.io.files import reading
+
+PUBLISHED_URL = (
+    "https://raw.githubusercontent.com/chaowentao/OccCasNet/"
+    "dc6c96d1bc0eb5bafacd3e87a92f96d3c8ea9eff/CasLF_checkpoint/"
+    "CasLF_s1_0.25_s2_0.125_9_sample_backward_mask_scratch_lr_ckp/"
+    "iter0116_s2_valmse0.762_bp1.733.hdf5"
+)
+"""URL of the published weights."""
+
+PUBLISHED_BLOB_ID = "e158717ba6f40e9c510b9025c74a08ad946f94e9"
+"""Git blob id of the file at PUBLISHED_URL."""
+
+LICENCE_NOTICE = (
+    "The published weights come from github.com/chaowentao/OccCasNet, which has no licence: all "
+    "rights are with its authors. Do not redistribute the file."
+)
+
+FILE_NAME = "occcasnet_published.hdf5"
+TIMEOUT_SECONDS = 30.0
+CHUNK_BYTES = 2**16
+
+
+def fetch_published_weights(
+    *,
+    cache: Path | str | None = None,
+    url: str | None = None,
+    blob_id: str = PUBLISHED_BLOB_ID,
+    progress: bool = True,
+) -> Path:
+    """Download the published weights, unless the cache already holds them.
+
+    The file appears in the cache complete and verified, or not at all. If the content of a cached
+    file has changed, the file is downloaded again.
+
+    Args:
+        cache: Folder of the file; None for the user's cache folder.
+        url: Address of the file; None for :data:`PUBLISHED_URL`.
+        blob_id: Git blob id that the file must have.
+        progress: Whether to print the licence notice and a progress bar on standard error.
+
+    Returns:
+        Path of the verified file, for :func:`occjax.models.load_weights`.
+
+    Raises:
+        InputError: If the download fails, another file arrives, or the cache cannot be written.
+    """
+    path = (Path(cache) if cache is not None else default_cache()) / FILE_NAME
+    url = url or PUBLISHED_URL
+    if progress:
+        print(LICENCE_NOTICE, file=sys.stderr)
+    with reading(path):
+        cached = path.is_file()
+    if cached and git_blob_id(path) == blob_id:
+        return path
+    with atomic_path(path) as temporary:
+        _download(url, temporary, progress)
+        found = git_blob_id(temporary)
+        if found != blob_id:
+            raise InputError(
+                f"{url}: the downloaded file is not the published one (git blob id {found}, "
+                f"expected {blob_id}); try again or from another network"
+            )
+    return path
+
+
+def default_cache() -> Path:
+    """Return the folder of downloaded weights in the user's cache."""
+    return Path(platformdirs.user_cache_dir("occjax")) / "weights"
+
+
+def git_blob_id(path: Path | str) -> str:
+    """Compute the git blob id of a file: SHA-1 of ``blob SIZE``, a zero byte and the content.
+
+    Args:
+        path: File.
+
+    Returns:
+        40 hexadecimal digits, as ``git hash-object`` prints them.
+
+    Raises:
+        InputError: If the file cannot be read.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "empty"
+        >>> path.touch()
+        >>> git_blob_id(path)
+        'e69de29bb2d1d6434b8b29ae775ad8c2e48c5391'
+    """
+    path = Path(path)
+    with reading(path), path.open("rb") as file:
+        header = f"blob {path.stat().st_size}\0".encode()
+        return hashlib.file_digest(
+            file, lambda: hashlib.sha1(header, usedforsecurity=False)
+        ).hexdigest()
+
+
+def _download(url: str, target: Path, progress: bool) -> None:
+    """Download ``url`` into the file ``target``."""
+    bar = tqdm(unit="B", unit_scale=True, desc=FILE_NAME, disable=not progress)
+    with closing(_body(url)) as body, target.open("wb") as file, bar:
+        for chunk, length in body:
+            file.write(chunk)
+            bar.total = length
+            bar.update(len(chunk))
+
+
+def _body(url: str) -> Generator[tuple[bytes, int | None], None, None]:
+    """Yield the chunks of ``url``, each with the announced length of the whole file.
+
+    This is a generator so that its ``except`` sees errors of the network only, not errors of the
+    disk that the caller writes to.
+    """
+    received, length = 0, None
+    try:
+        with urllib.request.urlopen(url, timeout=TIMEOUT_SECONDS) as response:
+            announced = response.headers["Content-Length"]
+            length = None if announced is None else int(announced)
+            while chunk := response.read(CHUNK_BYTES):
+                received += len(chunk)
+                yield chunk, length
+    except urllib.error.HTTPError as error:
+        error.close()  # the error object holds the connection
+        raise InputError(
+            f"{url}: the server answers {error.code} ({error.reason}); try again later"
+        ) from error
+    except IncompleteRead as error:
+        received += len(error.partial)
+    except (OSError, HTTPException, ValueError) as error:
+        reason = " ".join(str(getattr(error, "reason", error)).split())
+        raise InputError(
+            f"{url}: cannot be downloaded ({reason}); check network and proxy, then try again"
+        ) from error
+    # Without IncompleteRead, a connection that closes early looks like the end of the file.
+    if length is not None and received < length:
+        raise InputError(
+            f"{url}: the download stopped after {received} of {length} bytes; try again"
+        )

@@ -1,0 +1,115 @@
+"""The views around the centre view: their sector of the aperture, and the nearest views.
+
+An occluder hides a point from the views on one side. Therefore the views are divided into eight
+sectors by their direction from the centre view.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from occjax.errors import InputError
+from occjax.lightfield import centre_index, view_offsets
+from occjax.ops.sampling import as_coordinates
+
+SECTORS = 8
+"""Number of sectors of the aperture, 45 degrees each."""
+
+NEAREST_VIEWS = 4
+"""Number of nearest views: those above, below, left and right of the centre view in a grid."""
+
+
+class OtherViews(NamedTuple):
+    """All views but the centre view.
+
+    Attributes:
+        centre: Index of the centre view, counted row by row.
+        indices: ``[n]`` index of each other view.
+        sector: ``[n]`` sector of the aperture of each view (:func:`sector_of`).
+        offset: ``[n, 2]`` offset ``(row, column)`` from the centre view, in view steps.
+        present: ``[n]`` False for a view at the position of the centre view, which agrees with it
+            at any disparity.
+    """
+
+    centre: int
+    indices: Int[Array, " n"]
+    sector: Int[Array, " n"]
+    offset: Float[Array, "n 2"]
+    present: Bool[Array, " n"]
+
+    @property
+    def sector_counts(self) -> Float[Array, " 8"]:
+        """Number of views in each sector."""
+        return jnp.zeros(SECTORS, jnp.float32).at[self.sector].add(self.present.astype(jnp.float32))
+
+
+def sector_of(offsets: Float[Array | np.ndarray, "*grid 2"]) -> Int[Array, "*grid"]:
+    """Return the sector of the aperture of each view: its direction in steps of 45 degrees.
+
+    Args:
+        offsets: ``[..., 2]`` offset ``(row, column)`` of each view from the centre view.
+
+    Returns:
+        ``[...]`` int32; sector 0 points to larger columns, sector 2 to larger rows. The sector of
+        the centre view is 0.
+
+    Example:
+        >>> sector_of(view_offsets(3, 3)).tolist()
+        [[5, 6, 7], [4, 0, 0], [3, 2, 1]]
+    """
+    (offsets,) = as_coordinates(offsets)
+    angle = jnp.arctan2(offsets[..., 0], offsets[..., 1])
+    return jnp.round(angle * (SECTORS / (2 * np.pi))).astype(jnp.int32) % SECTORS
+
+
+def other_views(grid: tuple[int, ...], offsets: ArrayLike | None) -> OtherViews:
+    """Return index, sector and offset of all views but the centre view.
+
+    Args:
+        grid: ``(v, u)``, number of view rows and columns.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; None for
+            a regular grid.
+
+    Returns:
+        The other views.
+
+    Raises:
+        InputError: If there is only one view, or the offsets do not fit the grid.
+    """
+    v, u = grid
+    if v * u < 2:
+        raise InputError("one view has no disparity; give a grid of at least 1x2 views")
+    (offsets,) = as_coordinates(view_offsets(v, u) if offsets is None else offsets)
+    if offsets.shape != (v, u, 2):
+        raise InputError(f"offsets must be {[v, u, 2]}, not {list(offsets.shape)}")
+    centre = int(np.ravel_multi_index(centre_index((v, u)), (v, u)))
+    others = np.delete(np.arange(v * u, dtype=np.int32), centre)
+    offsets = offsets.reshape(-1, 2)[others]
+    present = jnp.any(offsets != 0.0, axis=-1)
+    return OtherViews(centre, jnp.asarray(others), sector_of(offsets), offsets, present)
+
+
+def nearest_views(others: OtherViews) -> tuple[Int[Array, " k"], Float[Array, "k 2"]]:
+    """Return the up to four views nearest to the centre view.
+
+    Args:
+        others: The views.
+
+    Returns:
+        ``[k]`` index of each view and ``[k, 2]`` its offset. If fewer than k views are about as
+        near as the nearest one, the nearest one is repeated.
+
+    Example:
+        >>> indices, offsets = nearest_views(other_views((3, 3), None))
+        >>> sorted(indices.tolist())
+        [1, 3, 5, 7]
+    """
+    distance = jnp.where(others.present, jnp.square(others.offset).sum(-1), jnp.inf)
+    order = jnp.argsort(distance)[:NEAREST_VIEWS]
+    order = jnp.where(distance[order] <= 1.5 * distance[order[0]], order, order[0])
+    return others.indices[order], others.offset[order]

@@ -1,0 +1,258 @@
+"""Configuration of ProposalNet and of the training-free estimator.
+
+The training-free estimator is ProposalNet without its selector. The steps, in the order of the
+data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection.
+
+Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
+light field whose largest view offset is ``ProposalConfig.reach``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from occjax.view_selection import Arrangement
+
+
+@dataclass(frozen=True)
+class ExposureConfig:
+    """Normalisation of brightness.
+
+    Attributes:
+        white: Grey level that the 99th percentile of the centre view is scaled to.
+        vignette: Grey level up to which pixels that are connected to the image border along a row
+            or a column count as vignetted. Their matching costs are ignored.
+    """
+
+    white: float = 0.8
+    vignette: float = 0.01
+
+
+@dataclass(frozen=True)
+class NoiseConfig:
+    """Estimate of image noise, and how strongly it affects the matching costs.
+
+    Attributes:
+        window_radius_px: Radius of the windows in which views are compared.
+        quantile: Quantile over the windows that gives the noise level. A low quantile leaves out
+            occlusions and texture too fine to interpolate.
+        texture_margin: Factor on the variance that noise gives to derivatives. Variance below the
+            product counts as noise.
+        reference_level: Standard deviation of the noise, in grey levels, at which it has half of
+            its effect. The default is twice the level that rounding to 8 bits causes.
+        steepness: Steepness of the transition from clean to noisy: with the default, noise at half
+            the reference level has no effect, noise at twice that level has full effect.
+    """
+
+    window_radius_px: int = 4
+    quantile: float = 0.25
+    texture_margin: float = 1.3
+    reference_level: float = 0.002
+    steepness: int = 8
+
+
+@dataclass(frozen=True)
+class CostConfig:
+    """Truncated matching costs.
+
+    Attributes:
+        grey_truncation: Grey difference from which on the cost is constant.
+        derivative_truncation: The same for the derivatives of grey, per pixel.
+        blurred_truncation: The same for blurred grey.
+        window_radius_px: Radius of the window over which costs are averaged before the best part
+            of the aperture is chosen.
+    """
+
+    grey_truncation: float = 0.02
+    derivative_truncation: float = 0.004
+    blurred_truncation: float = 0.003
+    window_radius_px: int = 1
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """Semi-global search for the disparity of least cost.
+
+    Attributes:
+        downsampling: Factor by which the views are downsampled for the search, 1 or 2.
+        interval: Spacing of the candidates.
+        default_limit: Largest absolute disparity of the default range.
+        smoothness: Penalty of a disparity that changes by one pixel per view step between
+            neighbouring pixels of the search.
+        max_edge_penalty: Penalty of a depth edge where the image has no edge.
+        edge_contrast: Grey difference of neighbouring pixels that reduces the penalty of a depth
+            edge by a factor e.
+        temperature: Cost difference that reduces the probability of a candidate by a factor e. It
+            affects confidence and standard deviation, not disparity.
+        context_radius_px: Radius of the edge-aware mean of the costs that is added where the
+            images are noisy, in pixels of the search. Noisy surfaces without texture need many
+            pixels. 0 disables it.
+        context_edge: Grey difference that bounds this mean.
+    """
+
+    downsampling: int = 2
+    interval: float = 0.25
+    default_limit: float = 4.0
+    smoothness: float = 0.3
+    max_edge_penalty: float = 1.0
+    edge_contrast: float = 0.03
+    temperature: float = 0.1
+    context_radius_px: float = 30.0
+    context_edge: float = 0.03
+
+    def __post_init__(self) -> None:
+        """Check the factor of downsampling."""
+        if self.downsampling not in (1, 2):
+            raise ValueError(f"downsampling must be 1 or 2, not {self.downsampling}")
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """Sub-pixel refinement by Lucas-Kanade steps and fitted planes.
+
+    Attributes:
+        steps: Number of steps; 0 disables the refinement.
+        radius_px: Radius of the fitted planes where there are no edges.
+        guide_edge: Grey difference that bounds a plane.
+        disparity_edge: Disparity difference that bounds a plane.
+        view_variation: Standard deviation of grey between views that neither noise nor disparity
+            explains, for example by highlights and vignetting.
+        min_gradient: Grey gradient per pixel that every view is assumed to have at least. It keeps
+            pixels without texture where they are and gives them a small weight in the planes.
+    """
+
+    steps: int = 3
+    radius_px: float = 12.0
+    guide_edge: float = 0.03
+    disparity_edge: float = 0.15
+    view_variation: float = 0.01
+    min_gradient: float = 1e-3
+
+
+NEAR_AND_FAR = (
+    *((-4, 0), (4, 0), (0, -4), (0, 4)),
+    *((-10, -10), (-10, 10), (10, -10), (10, 10)),
+)
+"""Offsets ``(row, column)`` of the proposing neighbours, in pixels. The near ones often lie on the
+same surface, the far ones beyond a blurred edge."""
+
+
+@dataclass(frozen=True)
+class ProposalsConfig:
+    """Disparities that are proposed for each pixel, and their costs.
+
+    Attributes:
+        offsets: Offsets ``(row, column)`` of the neighbours whose disparity is proposed, in pixels;
+            closed under reflection and transposition (the propagation of PatchMatch Stereo, Bleyer
+            et al., BMVC 2011).
+        min_second_distance: Smallest distance of the second-best disparity of the search, which is
+            proposed too, from the best one.
+        slope_step_px: Distance over which the slope of a surface is measured.
+        grey_tolerance: Grey difference of a view that costs half.
+        detail_tolerance: The same for grey minus its local mean.
+        max_aggregated_cost: Aggregated cost of the search, above that of the best candidate, from
+            which on the cost channel is constant.
+    """
+
+    offsets: tuple[tuple[int, int], ...] = NEAR_AND_FAR
+    min_second_distance: float = 0.7
+    slope_step_px: int = 8
+    grey_tolerance: float = 0.03
+    detail_tolerance: float = 0.01
+    max_aggregated_cost: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Check the symmetry of the offsets, which augmentation relies on."""
+        offsets = set(self.offsets)
+        if {(-row, column) for row, column in offsets} != offsets or {
+            (column, row) for row, column in offsets
+        } != offsets:
+            raise ValueError("offsets must contain the reflections and transpositions of each one")
+        if (0, 0) in offsets or len(offsets) < len(self.offsets):
+            raise ValueError("offsets must be different from each other and from (0, 0)")
+
+
+@dataclass(frozen=True)
+class SelectorConfig:
+    """The learned part: selection among the proposals of each pixel.
+
+    Attributes:
+        width: Channels of the convolutions that are applied to each proposal, at half resolution.
+        context: Channels of the convolutions over all proposals of a pixel: at half resolution,
+            and at half of that for each further entry.
+        window: Distance from the most likely proposal within which proposals are averaged. A small
+            window does not mix two surfaces.
+        cost_floor: Cost below which differences between proposals are noise.
+        similarity: Difference of two disparities, or of two grey levels, at which the similarity
+            feature is one half.
+        initial_bias: Score of the first proposal, the refined disparity, before training. All other
+            proposals start with score 0.
+    """
+
+    width: int = 32
+    context: tuple[int, ...] = (48, 48, 64, 64)
+    window: float = 0.15
+    cost_floor: float = 0.003
+    similarity: float = 0.05
+    initial_bias: float = 3.0
+
+
+@dataclass(frozen=True)
+class ProposalConfig:
+    """ProposalNet, or with ``selector=None`` the training-free estimator.
+
+    Attributes:
+        exposure: Normalisation of brightness.
+        noise: Estimate of image noise.
+        costs: Matching costs.
+        search: Semi-global search.
+        refinement: Sub-pixel refinement.
+        proposals: Proposals and their costs.
+        selector: Learned selection; None skips proposals and selection.
+        views: Views of a grid that are compared with the centre view. The two outermost views in
+            eight directions carry most of the information.
+        reach: Largest view offset that every arrangement of views is scaled to, in view steps. A
+            light field with twice the view spacing shows the same scene at half the disparity.
+        max_candidates: Largest number of candidates of the search.
+    """
+
+    exposure: ExposureConfig = ExposureConfig()
+    noise: NoiseConfig = NoiseConfig()
+    costs: CostConfig = CostConfig()
+    search: SearchConfig = SearchConfig()
+    refinement: RefinementConfig = RefinementConfig()
+    proposals: ProposalsConfig = ProposalsConfig()
+    selector: SelectorConfig | None = SelectorConfig()
+    views: Arrangement = "outer_star"
+    reach: float = 4.0
+    max_candidates: int = 1024
+
+    @property
+    def size_multiple(self) -> int:
+        """Number of pixels that height and width are padded to a multiple of."""
+        if self.selector is None:
+            return self.search.downsampling
+        return 2 ** len(self.selector.context)
+
+
+PRESETS: dict[str, ProposalConfig] = {
+    "proposal": ProposalConfig(),
+    "proposal_small": ProposalConfig(selector=SelectorConfig(16, (24, 24, 32, 32))),
+    "proposal_large": ProposalConfig(selector=SelectorConfig(64, (64, 64, 96, 96))),
+    # Without a selector that corrects depth edges, full resolution and all views are better:
+    # BadPix 0.07 of HCI antinous 3.2 % instead of 4.0 %, of the bundled sample 7.3 % instead of
+    # 8.7 %. The penalties are those of twice as many pixels along a path. The context mean blurs
+    # depth edges at full resolution.
+    "photometric": ProposalConfig(
+        search=SearchConfig(
+            downsampling=1,
+            interval=0.1,
+            smoothness=0.6,
+            max_edge_penalty=2.0,
+            context_radius_px=0.0,
+        ),
+        selector=None,
+        views="all",
+    ),
+}
+"""Configurations by model name."""

@@ -1,0 +1,291 @@
+"""ProposalNet: semi-global search, slanted-plane refinement, proposals and learned selection.
+
+The network takes any arrangement of views and any range of disparities. Everything before the
+selection has no weights and is the training-free estimator. The learned part decides which surface
+a pixel near a depth edge belongs to.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float
+
+from occjax.errors import InputError
+from occjax.kernels.reductions import softmax_leading, sum_leading
+from occjax.lightfield import centre_index, view_offsets
+from occjax.models.proposal.aperture import SECTORS
+from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.exposure import white_level
+from occjax.models.proposal.filters import median_filter
+from occjax.models.proposal.planes import refine
+from occjax.models.proposal.proposals import ProposalCosts, Proposals, propose
+from occjax.models.proposal.resolution import upsample2x
+from occjax.models.proposal.search import GreyViews, SearchResult, search
+from occjax.models.proposal.selector import ProposalSelector
+from occjax.ops import confidence, expected_disparity
+from occjax.ops.sampling import as_coordinates, as_images
+
+
+class Selection(NamedTuple):
+    """Selection among the proposals.
+
+    Attributes:
+        disparity: ``[h, w]`` disparity of the most likely proposals.
+        proposed: ``[k, h, w]`` proposed disparities.
+        probabilities: ``[k, h, w]`` probability of each proposal.
+    """
+
+    disparity: Float[Array, "h w"]
+    proposed: Float[Array, "k h w"]
+    probabilities: Float[Array, "k h w"]
+
+
+class ProposalOutput(NamedTuple):
+    """Output of ProposalNet, in pixels per view step of the given light field.
+
+    Attributes:
+        disparity: ``[h, w]`` disparity of the centre view.
+        searched: ``[h, w]`` disparity of the semi-global search.
+        refined: ``[h, w]`` disparity after the refinement by planes.
+        confidence: ``[h, w]`` in [0, 1]; 1 is certain.
+        standard_deviation: ``[h, w]`` standard deviation of the last step's probabilities.
+        selection: Selection before the final median; None without a selector.
+    """
+
+    disparity: Float[Array, "h w"]
+    searched: Float[Array, "h w"]
+    refined: Float[Array, "h w"]
+    confidence: Float[Array, "h w"]
+    standard_deviation: Float[Array, "h w"]
+    selection: Selection | None
+
+
+class ProposalNet(nn.Module):
+    """Disparity of the centre view from any arrangement of grey views.
+
+    The network takes one light field without a batch axis.
+
+    Attributes:
+        config: All settings; with ``selector=None`` the training-free estimator, which has no
+            variables.
+        dtype: Type of the selector's convolutions (float32 or bfloat16).
+
+    Example:
+        >>> network = ProposalNet(ProposalConfig(selector=None))
+        >>> texture = jax.random.uniform(jax.random.key(0), (16, 24))
+        >>> views = jnp.stack([jnp.roll(texture, -k, axis=1) for k in (-1, 0, 1)])[None]
+        >>> output = network.apply({}, views, candidates=jnp.linspace(-2.0, 2.0, 9))
+        >>> round(float(output.disparity[8, 12]), 1)
+        1.0
+    """
+
+    config: ProposalConfig
+    dtype: DTypeLike = jnp.float32
+
+    def setup(self) -> None:
+        """Create the selector."""
+        if self.config.selector is not None:
+            self.selector = ProposalSelector(
+                self.config.selector, self.config.proposals.offsets, dtype=self.dtype
+            )
+
+    def __call__(
+        self,
+        views: Float[Array, "v u h w"],
+        *,
+        candidates: Float[Array, " d"] | None = None,
+        offsets: Float[Array, "v u 2"] | None = None,
+    ) -> ProposalOutput:
+        """Estimate the disparity of the centre view.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1], at least 3x3 pixels.
+            candidates: ``[d]`` disparities to search, at least 3, evenly spaced and ascending, in
+                pixels per view step. By default the configured range and interval, at the
+                configured reach.
+            offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a
+                regular grid by default.
+
+        Returns:
+            Disparity, the results of the steps before it, and the confidence.
+
+        Raises:
+            InputError: For a single view, integer views, or fewer than three candidates.
+        """
+        height, width = views.shape[2:]
+        grey, candidates, scale = self.normalise(
+            views, candidates, offsets, multiple=self.config.size_multiple
+        )
+        searched, coarse, refined = self.search_and_refine(grey, candidates)
+        at_search = confidence(searched.probabilities, candidates)
+        certainty = at_search.certainty(len(candidates))
+        deviation = at_search.standard_deviation
+        if self.config.search.downsampling == 2:
+            certainty, deviation = upsample2x(certainty), upsample2x(deviation)
+        selection, disparity = None, refined
+        if self.config.selector is not None:
+            selection = self.select(propose(grey, searched, refined, candidates, self.config))
+            # A single pixel that differs from all its neighbours is more often wrong than correct.
+            disparity = median_filter(selection.disparity)
+            # The selection cannot know that the search missed a surface: the lower one counts.
+            certainty = jnp.minimum(certainty, _selection_confidence(selection, self.config))
+            change = selection.proposed - selection.disparity[None]
+            deviation = confidence(selection.probabilities, change).standard_deviation
+        output = ProposalOutput(disparity, coarse, refined, certainty, deviation, selection)
+        return _in_original_units(output, scale, height, width)
+
+    def search_and_refine(
+        self, grey: GreyViews, candidates: Float[Array, " d"]
+    ) -> tuple[SearchResult, Float[Array, "h w"], Float[Array, "h w"]]:
+        """Run the training-free steps.
+
+        Args:
+            grey: Normalised views.
+            candidates: ``[d]`` disparities to search at the configured reach.
+
+        Returns:
+            Result of the search, ``[h, w]`` its disparity at full resolution, and ``[h, w]`` the
+            refined disparity.
+        """
+        searched = search(grey, candidates, self.config)
+        coarse, refined = refine(grey, searched, candidates, self.config)
+        return searched, coarse, refined
+
+    def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:
+        """Compute the proposals of the default range, which depend on no weights.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1].
+            offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in
+                view steps.
+
+        Returns:
+            Proposals of the size of the views; disparities are those at the configured reach.
+        """
+        height, width = views.shape[2:]
+        grey, candidates, _ = self.normalise(views, None, offsets, multiple=2)
+        searched, _, refined = self.search_and_refine(grey, candidates)
+        proposals = propose(grey, searched, refined, candidates, self.config)
+        return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
+
+    def select(self, proposals: Proposals) -> Selection:
+        """Select among proposals; the only learned step.
+
+        Args:
+            proposals: Proposals; height and width must be multiples of ``config.size_multiple``.
+
+        Returns:
+            The selection: expectation over the proposals close to the most likely one.
+        """
+        assert self.config.selector is not None
+        probabilities = softmax_leading(self.selector(proposals))
+        change = proposals.proposed - proposals.disparity[None]
+        likeliest = jnp.argmax(probabilities, axis=0, keepdims=True)
+        likeliest = jnp.take_along_axis(change, likeliest, axis=0)
+        # A thousandth more, against rounding.
+        near = jnp.abs(change - likeliest) <= 1.001 * self.config.selector.window
+        averaged = jnp.where(near, probabilities, 0.0)
+        averaged = averaged / sum_leading(averaged)[None]
+        disparity = proposals.disparity + expected_disparity(averaged, change)
+        return Selection(disparity, proposals.proposed, probabilities)
+
+    def normalise(
+        self,
+        views: Float[Array, "v u h w"],
+        candidates: Float[Array, " d"] | None,
+        offsets: Float[Array, "v u 2"] | None,
+        *,
+        multiple: int,
+    ) -> tuple[GreyViews, Float[Array, " d"], Float[Array, ""]]:
+        """Scale brightness to the configured white and offsets to the configured reach.
+
+        Views at n times the distance show the same scene with disparities n times as large.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1].
+            candidates: ``[d]`` disparities, or None for the default range.
+            offsets: ``[v, u, 2]`` offset of each view, or None for a regular grid.
+            multiple: Number of pixels that height and width are padded to a multiple of.
+
+        Returns:
+            Padded views, candidates at the configured reach, and the factor of the disparities.
+        """
+        views = as_images(views, "v u h w")
+        v, u, h, w = views.shape
+        if min(h, w) < 3:
+            raise InputError(f"views must be at least 3x3 pixels, not {h}x{w}")
+        (offsets,) = as_coordinates(view_offsets(v, u) if offsets is None else offsets)
+        if v * u < 2:
+            raise InputError("one view has no disparity; give a grid of at least 1x2 views")
+        scale = jnp.max(jnp.abs(offsets)) / self.config.reach
+        if candidates is None:
+            interval = self.config.search.interval
+            steps = round(self.config.search.default_limit / interval)
+            candidates = interval * jnp.arange(-steps, steps + 1.0)
+        else:
+            if len(candidates) < 3:
+                raise InputError(f"candidates must be at least 3, not {len(candidates)}")
+            candidates = as_coordinates(candidates)[0] * scale
+        white = white_level(views[centre_index((v, u))])
+        grey = views * (self.config.exposure.white / white)
+        below, right = (-size % multiple for size in (h, w))
+        grey = jnp.pad(grey, ((0, 0), (0, 0), (0, below), (0, right)), mode="edge")
+        return GreyViews(grey, offsets / scale), candidates, scale
+
+
+def variable_shapes(config: ProposalConfig) -> dict:
+    """Return shapes and types of the network's variables without computing any.
+
+    Args:
+        config: The network.
+
+    Returns:
+        ``variables`` with a ``jax.ShapeDtypeStruct`` for each array.
+    """
+    if config.selector is None:
+        return {}
+
+    def zeros(*shape, dtype=jnp.float32):
+        size = (config.size_multiple,) * 2
+        return jax.ShapeDtypeStruct((*shape, *size), dtype)
+
+    # Only the selector has variables, and to trace the other steps takes seconds.
+    count = len(config.proposals.offsets) + 2
+    costs = ProposalCosts(zeros(count, SECTORS + 5, dtype=jnp.float16))
+    proposals = Proposals(zeros(), zeros(), zeros(count), costs, zeros(), zeros())
+    init = partial(ProposalNet(config).init, method="select")
+    return dict(jax.eval_shape(init, jax.random.key(0), proposals))
+
+
+def _selection_confidence(selection: Selection, config: ProposalConfig) -> Float[Array, "h w"]:
+    """Return the probability of all proposals close to the selected disparity.
+
+    Where several proposals are equal, their entropy is meaningless.
+    """
+    assert config.selector is not None
+    distance = jnp.abs(selection.proposed - selection.disparity[None])
+    near = distance <= config.selector.window
+    return sum_leading(jnp.where(near, selection.probabilities, 0.0))
+
+
+def _in_original_units(output: ProposalOutput, scale, height: int, width: int) -> ProposalOutput:
+    """Remove the padding and convert to pixels per view step of the given light field."""
+    output = jax.tree.map(lambda maps: maps[..., :height, :width], output)
+    selection = output.selection
+    if selection is not None:
+        selection = selection._replace(
+            disparity=selection.disparity / scale, proposed=selection.proposed / scale
+        )
+    return output._replace(
+        disparity=output.disparity / scale,
+        searched=output.searched / scale,
+        refined=output.refined / scale,
+        standard_deviation=output.standard_deviation / scale,
+        selection=selection,
+    )

@@ -1,0 +1,183 @@
+"""Costs of disparity maps by sector of the aperture.
+
+An occluder hides a point from the views on one side. Therefore the differences between the views
+and the centre view are averaged in eight sectors of the aperture, and a comparison of the sectors
+can see past an occluding edge. The size of the result depends neither on the number of views nor on
+their arrangement.
+
+:func:`occjax.models.proposal.costs.sector_sums` computes the same for one disparity of the whole
+image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from occjax.kernels.bilinear import inside_view, pack_pairs, warp_packed_pair, warp_plane
+from occjax.models.proposal.aperture import SECTORS, other_views
+from occjax.models.proposal.filters import box_filter
+from occjax.ops.sampling import as_coordinates, as_images
+
+HALF_APERTURE = 5
+"""Number of neighbouring sectors that form half of the aperture, including its edges."""
+
+MIN_WEIGHT = 1e-3
+"""Weight, in views, of the aperture's mean in each sector; it fills sectors without views."""
+
+
+class SectorCosts(NamedTuple):
+    """Sums of costs over the views of each sector.
+
+    Attributes:
+        sums: ``[8, d, h, w]`` sums of the costs; for several measures with an axis before them.
+        weights: ``[8, d, h, w]`` number of views, or an array that broadcasts to it.
+    """
+
+    sums: Float[Array, "*m 8 d h w"]
+    weights: Float[Array, "8 _ _ _"]
+
+
+class SectorMeans(NamedTuple):
+    """Mean costs over parts of the aperture.
+
+    Attributes:
+        sectors: ``[8, d, h, w]`` mean of each sector; a sector without views has the mean of the
+            whole aperture.
+        aperture: ``[d, h, w]`` mean of the whole aperture.
+        best_half: ``[d, h, w]`` mean of the half of the aperture that agrees best.
+    """
+
+    sectors: Float[Array, "8 d h w"]
+    aperture: Float[Array, "d h w"]
+    best_half: Float[Array, "d h w"]
+
+
+def geman_mcclure(residual: Float[Array, "*shape"], tolerance: float) -> Float[Array, "*shape"]:
+    """Compute the robust cost ``r^2 / (r^2 + tolerance^2)`` of a residual.
+
+    Geman and McClure, Statistical Methods for Tomographic Image Reconstruction, 1987.
+
+    Args:
+        residual: Differences of any shape.
+        tolerance: Difference that costs one half.
+
+    Returns:
+        Costs in [0, 1) of the same shape.
+
+    Example:
+        >>> costs = geman_mcclure(jnp.array([0.0, 0.25, -0.75]), 0.25)
+        >>> [round(float(cost), 2) for cost in costs]
+        [0.0, 0.5, 0.9]
+    """
+    square = jnp.square(residual)
+    return square / (square + tolerance**2)
+
+
+def refined_sector_costs(
+    features: Float[Array, "v u h w c"],
+    disparities: Float[Array, "d h w"],
+    *,
+    penalties: Callable[[list[Float[Array, "h w"]]], Sequence[Float[Array, "h w"]]],
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> SectorCosts:
+    """Warp the views by each disparity map and sum their costs in each sector.
+
+    A view that is read outside its image is not counted.
+
+    Args:
+        features: ``[v, u, h, w, c]`` views or features of them. Two half-precision channels
+            (float16) are read together, which takes half of the time on a CPU but has no derivative
+            with respect to them.
+        disparities: ``[d, h, w]`` disparity maps of the centre view, pixels per view step.
+        penalties: Function from the differences of a view's features from those of the centre view
+            to one or several cost maps ``[h, w]``.
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
+            grid by default.
+
+    Returns:
+        Sums ``[m, 8, d, h, w]`` of the m measures and weights ``[8, d, h, w]``.
+
+    Raises:
+        InputError: If there is only one view, or for integer features.
+
+    Example:
+        >>> features, maps = jnp.zeros((3, 3, 8, 8, 1)), jnp.zeros((5, 8, 8))
+        >>> costs = refined_sector_costs(
+        ...     features, maps, penalties=lambda differences: [jnp.abs(differences[0])]
+        ... )
+        >>> costs.sums.shape, float(costs.weights[:, 0, 4, 4].sum())
+        ((1, 8, 5, 8, 8), 8.0)
+    """
+    features = as_images(features, "v u h w c", "features")
+    (disparities,) = as_coordinates(disparities)
+    v, u, h, w, c = features.shape
+    others = other_views((v, u), offsets)
+    flat = features.reshape(v * u, h, w, c)
+    centre = jnp.moveaxis(flat[others.centre], -1, 0)
+    if features.dtype == jnp.float16 and c == 2:
+        images, centre = pack_pairs(flat), centre.astype(jnp.float32)
+        warp_image = warp_packed_pair
+    else:
+        images = jnp.moveaxis(flat, -1, 1)
+
+        def warp_image(image, disparity, offset):
+            return [warp_plane(channel, disparity, offset) for channel in image]
+
+    def add_view(totals, view):
+        index, sector, offset, present = view
+        image = images[index]
+
+        def costs_of_map(disparity):
+            visible = (present & inside_view(disparity, offset)).astype(centre.dtype)
+            warped = warp_image(image, disparity, offset)
+            differences = [plane - here for plane, here in zip(warped, centre, strict=True)]
+            return *(visible * cost for cost in penalties(differences)), visible
+
+        terms = jax.vmap(costs_of_map)(disparities)
+        return [total.at[sector].add(term) for total, term in zip(totals, terms, strict=True)], None
+
+    measures = len(jax.eval_shape(penalties, list(centre)))
+    # One array per measure: with one array for all, XLA would compute the warps once per measure.
+    zero = jnp.zeros((SECTORS, *disparities.shape), centre.dtype)
+    views = (others.indices, others.sector, others.offset, others.present)
+    *sums, weights = jax.lax.scan(add_view, [zero] * (measures + 1), views)[0]
+    return SectorCosts(jnp.stack(sums), weights)
+
+
+def sector_means(costs: SectorCosts) -> SectorMeans:
+    """Compute the mean cost in each sector, in the whole aperture and in its best half.
+
+    Args:
+        costs: Sums of one measure.
+
+    Returns:
+        The means. The best half is chosen by means over 3x3 pixels, since single pixels would let
+        noise choose.
+
+    Example:
+        >>> costs = SectorCosts(jnp.ones((8, 5, 6, 7)), jnp.full((8, 1, 1, 1), 2.0))
+        >>> [means.shape for means in sector_means(costs)]
+        [(8, 5, 6, 7), (5, 6, 7), (5, 6, 7)]
+    """
+    # Unrolled over the sectors: XLA computes all means in one pass over the sums.
+    sums, weights = list(costs.sums), list(costs.weights)
+    mean = sum(sums) / jnp.maximum(sum(weights), MIN_WEIGHT)
+    sectors = [
+        (sector_sum + MIN_WEIGHT * mean) / (sector_weight + MIN_WEIGHT)
+        for sector_sum, sector_weight in zip(sums, weights, strict=True)
+    ]
+
+    def half(first):
+        members = [(first + step) % SECTORS for step in range(HALF_APERTURE)]
+        weight = sum(weights[sector] for sector in members) + MIN_WEIGHT
+        return box_filter((sum(sums[s] for s in members) + MIN_WEIGHT * mean) / weight, 1)
+
+    best = half(0)
+    for first in range(1, SECTORS):
+        best = jnp.minimum(best, half(first))
+    return SectorMeans(jnp.stack(sectors), mean, best)

@@ -1,0 +1,87 @@
+"""All models by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+from occjax.errors import InputError
+from occjax.models import occcasnet, proposal
+from occjax.models.occcasnet.config import OccCasNetConfig
+from occjax.models.occcasnet.network import variable_shapes as occcasnet_shapes
+from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.network import variable_shapes as proposal_shapes
+
+ModelConfig = OccCasNetConfig | ProposalConfig
+
+Precision = Literal["float32", "bfloat16"]
+"""Type of a network's convolutions; parameters stay float32."""
+
+PRESETS: Mapping[str, ModelConfig] = MappingProxyType({**proposal.PRESETS, **occcasnet.PRESETS})
+"""Configurations by model name."""
+
+ALIASES: Mapping[str, str] = MappingProxyType(
+    {"light": "proposal", "light_small": "proposal_small", "light_large": "proposal_large"}
+)
+"""Former names of models."""
+
+
+def preset(name: str, **changes: Any) -> Any:
+    """Return the configuration of a model by its name.
+
+    Args:
+        name: One of :data:`PRESETS` or :data:`ALIASES`.
+        **changes: Fields to replace, for instance ``warp="transposed"``.
+
+    Returns:
+        :class:`OccCasNetConfig` or :class:`ProposalConfig`.
+
+    Raises:
+        InputError: If there is no model of that name.
+
+    Example:
+        >>> [len(stage.candidates) for stage in preset("occcasnet").stages]
+        [33, 9]
+    """
+    name = ALIASES.get(name, name)
+    if name not in PRESETS:
+        raise InputError(f"there is no model {name!r}; choose one of {', '.join(PRESETS)}")
+    return replace(PRESETS[name], **changes)
+
+
+def preset_name(config: ModelConfig) -> str:
+    """Return the name of a configuration, for either warp; ``"custom"`` if it has none.
+
+    Args:
+        config: Configuration of a model.
+
+    Example:
+        >>> preset_name(preset("occcasnet", warp="transposed"))
+        'occcasnet'
+    """
+    for name, known in PRESETS.items():
+        if isinstance(config, OccCasNetConfig) and isinstance(known, OccCasNetConfig):
+            known = replace(known, warp=config.warp)
+        if known == config:
+            return name
+    return "custom"
+
+
+def variable_shapes(config: ModelConfig) -> dict:
+    """Return shapes and types of a model's variables without computing any.
+
+    Args:
+        config: Configuration of a model.
+
+    Returns:
+        ``variables`` with a ``jax.ShapeDtypeStruct`` for each array.
+
+    Example:
+        >>> variable_shapes(preset("proposal"))["params"]["selector"]["stay"].shape
+        ()
+    """
+    if isinstance(config, OccCasNetConfig):
+        return occcasnet_shapes(config)
+    return proposal_shapes(config)

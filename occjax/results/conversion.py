@@ -1,0 +1,166 @@
+"""Conversion between disparity, depth, points in space and normals of one scene.
+
+The formulas are those of :class:`occjax.lightfield.Calibration` and :mod:`occjax.ops.geometry`,
+computed in double precision.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.io.maps import Map, Quantity
+from occjax.io.ply import write_ply
+from occjax.lightfield import Calibration, to_unit_float
+from occjax.ops.geometry import back_project, in_double, surface_normals
+
+METRES = "metres; x right, y up, z to the viewer; centre camera at the origin"
+RELIEF = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
+
+
+class PointCloud(NamedTuple):
+    """Points in space of the pixels of the centre view.
+
+    Attributes:
+        points: ``[H, W, 3]`` x to the right, y up, z to the viewer; NaN is no point.
+        unit: Unit of the coordinates, in words: :data:`METRES` or :data:`RELIEF`.
+    """
+
+    points: np.ndarray
+    unit: str
+
+
+def convert_map(content: Map, to: Quantity, calibration: Calibration) -> Map:
+    """Convert disparity to depth or depth to disparity.
+
+    Args:
+        content: The map ``[H, W]``. Infinite disparities, with which some data sets mark pixels
+            without a value, count as no value.
+        to: Quantity of the result.
+        calibration: Camera parameters.
+
+    Returns:
+        The converted map, or ``content`` if it already has that quantity. Depth is infinite where
+        the disparity is at most that of infinitely distant points; NaN is no disparity, or no
+        positive depth.
+
+    Example:
+        >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
+        >>> disparity = Map(np.array([[0.0, -5.0, np.nan]]), "disparity")
+        >>> depth = convert_map(disparity, "depth", camera)
+        >>> depth.values.round(6).tolist()
+        [[7.0, inf, nan]]
+    """
+    if content.quantity == to:
+        return content
+    values = np.asarray(content.values, np.float64)
+    height, width = values.shape
+    if to == "depth":
+        known = np.where(np.isinf(values), np.nan, values)
+        return Map(calibration.depth(known, (height, width)), to)
+    positive = np.where(values > 0.0, values, np.nan)
+    return Map(calibration.disparity(positive, (height, width)), to)
+
+
+def normals(content: Map, calibration: Calibration) -> np.ndarray:
+    """Compute unit normals of the surfaces with :func:`occjax.ops.surface_normals`.
+
+    Args:
+        content: Disparity or depth ``[H, W]`` of the centre view.
+        calibration: Camera parameters.
+
+    Returns:
+        ``[H, W, 3]`` x to the right, y up, z to the viewer; NaN is no normal.
+
+    Example:
+        >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
+        >>> normals(Map(np.zeros((3, 3)), "disparity"), camera)[1, 1, 2].round(6).item()
+        1.0
+    """
+    depth = convert_map(content, "depth", calibration)
+    return in_double(_normals_of_depth, depth.values, calibration)
+
+
+def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
+    """Compute the points in space of the pixels of the centre view.
+
+    With a calibration they are in metres from the centre camera
+    (:func:`occjax.ops.back_project`). Without one they are a relief of the disparity in pixels,
+    ``(x - x0, y0 - y, disparity * max(H, W) / 8)``: the order in depth is right, its scale is
+    arbitrary.
+
+    Args:
+        content: Disparity or depth ``[H, W]`` of the centre view.
+        calibration: Camera parameters, if known.
+
+    Returns:
+        The points and their unit.
+
+    Raises:
+        InputError: For depth without a calibration, since its focal length is needed.
+
+    Example:
+        >>> cloud = point_cloud(Map(np.array([[0.0, 0.5], [0.0, 0.0]]), "disparity"), None)
+        >>> cloud.points[0, 1].tolist()
+        [0.5, 0.5, 0.125]
+    """
+    if calibration is not None:
+        depth = convert_map(content, "depth", calibration)
+        return PointCloud(in_double(back_project, depth.values, calibration), METRES)
+    if content.quantity == "depth":
+        raise InputError("points of a depth map need the camera's focal length; pass a calibration")
+    height, width = content.values.shape
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    towards_viewer = np.asarray(content.values, np.float64) * max(height, width) / 8.0
+    relief = np.stack([x - 0.5 * (width - 1), 0.5 * (height - 1) - y, towards_viewer], axis=-1)
+    return PointCloud(relief, RELIEF)
+
+
+def write_points(
+    path: str | Path,
+    cloud: PointCloud,
+    *,
+    centre: np.ndarray | None = None,
+    mask: np.ndarray | None = None,
+) -> int:
+    """Write the finite points as PLY in the colours of the centre view, atomically.
+
+    Args:
+        path: File to write; an existing file is replaced.
+        cloud: Points ``[H, W, 3]``.
+        centre: ``[H, W, C]`` centre view as stored; without it the points have no colour.
+        mask: ``[H, W]`` pixels whose points are written; all by default.
+
+    Returns:
+        The number of points.
+
+    Raises:
+        InputError: If the view has another size, or the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> cloud = point_cloud(Map(np.array([[0.0, np.nan]]), "disparity"), None)
+        >>> write_points(Path(tempfile.mkdtemp()) / "points.ply", cloud)
+        1
+    """
+    written = np.isfinite(cloud.points).all(axis=-1)
+    written = written if mask is None else written & mask
+    colours = None
+    if centre is not None:
+        if centre.shape[:2] != written.shape:
+            raise InputError(
+                f"{path}: the centre view is {list(centre.shape[:2])} but the map is "
+                f"{list(written.shape)} (rows, columns); use the views that the map belongs to"
+            )
+        levels = np.floor(np.clip(to_unit_float(centre), 0.0, 1.0) * 255.0 + 0.5)
+        colours = np.broadcast_to(levels, cloud.points.shape).astype(np.uint8)[written]
+    write_ply(path, cloud.points[written], colours, comment=cloud.unit)
+    return int(written.sum())
+
+
+def _normals_of_depth(depth: jax.Array, calibration: Calibration) -> jax.Array:
+    return surface_normals(back_project(depth, calibration))

@@ -1,0 +1,90 @@
+"""Content of ``summary.json``: one object, in which missing values are null.
+
+============================  ==================================================================
+``scene``                     string, name of the light field
+``source``                    string or null, file or folder it was read from, as it was given
+``grid``                      [V, U], rows and columns of views
+``image_size``                [H, W], rows and columns of pixels
+``model``                     string, name of the estimator
+``weights``                   string or null, name of its weights
+``searched_disparity_range``  [minimum, maximum], pixels per view step
+``disparity``                 {minimum, maximum, mean} of the finite values in pixels per view
+                              step (null if there are none), {missing} number of other pixels
+``confidence``                the same for the confidence, in [0, 1]
+``metrics``                   null, or {mse_x100, badpix, q25_x100, pixels, missing, border} as in
+                              :class:`occjax.evaluation.Metrics`; badpix is an object from each
+                              threshold, written as a string, to a percentage
+``seconds``                   object from each phase (load, compile, run) to its wall-clock time
+``peak_memory_mb``            number, largest memory of the process so far, 10^6 bytes
+``versions``                  {occjax, jax, numpy, python}, strings
+``notes``                     list of sentences for the user
+============================  ==================================================================
+"""
+
+from __future__ import annotations
+
+import math
+import platform
+import resource
+import sys
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from occjax.estimators import Estimate
+from occjax.evaluation.metrics import Metrics
+from occjax.lightfield import LightField
+
+
+def summary(
+    estimate: Estimate, light_field: LightField, metrics: Metrics | None, notes: tuple[str, ...]
+) -> dict[str, Any]:
+    """Return the content of ``summary.json``; see the table at the top of this module.
+
+    Args:
+        estimate: Result of an estimator.
+        light_field: The light field that was estimated.
+        metrics: Comparison with the ground truth, if there is one.
+        notes: Sentences for the user.
+    """
+    return {
+        "scene": light_field.name,
+        "source": None if light_field.source is None else str(light_field.source),
+        "grid": list(light_field.grid),
+        "image_size": list(light_field.image_size),
+        "model": estimate.model,
+        "weights": estimate.weights,
+        "searched_disparity_range": [float(value) for value in estimate.disparity_range],
+        "disparity": _statistics(estimate.disparity),
+        "confidence": _statistics(estimate.confidence),
+        "metrics": None if metrics is None else metrics.as_dict(),
+        "seconds": {phase: round(float(time), 3) for phase, time in estimate.seconds.items()},
+        "peak_memory_mb": round(peak_memory_bytes() / 1e6, 1),
+        "versions": {
+            "occjax": metadata.version("occjax"),
+            "jax": metadata.version("jax"),
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+        "notes": list(notes),
+    }
+
+
+def peak_memory_bytes() -> int:
+    """Return the peak memory of this process so far, in bytes, without that of a GPU."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def _statistics(values: np.ndarray) -> dict[str, float | int | None]:
+    """Return range and mean of the finite values; null replaces NaN, which JSON does not have."""
+    finite = np.asarray(values, np.float64)[np.isfinite(values)]
+    numbers = (finite.min(), finite.max(), finite.mean()) if finite.size else (math.nan,) * 3
+    smallest, largest, mean = (None if math.isnan(n) else round(float(n), 6) for n in numbers)
+    return {
+        "minimum": smallest,
+        "maximum": largest,
+        "mean": mean,
+        "missing": int(values.size - finite.size),
+    }

@@ -1,0 +1,196 @@
+"""Training of OccCasNet: the loss of the cascade and its task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from occjax.data.samples import LightFieldSample
+from occjax.models import OccCasNet, OccCasNetConfig, StageOutput, predict
+from occjax.models.occcasnet.layers import BATCH_AXIS
+from occjax.training.config import LossConfig, Precision
+from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
+from occjax.view_selection import Selection
+
+
+@dataclass(frozen=True)
+class OccCasNetTask:
+    """Training of OccCasNet; see :class:`occjax.training.tasks.TrainingTask`.
+
+    Attributes:
+        network: Configuration of the network.
+        loss_config: Settings of the loss.
+        precision: Type of the convolutions.
+    """
+
+    network: OccCasNetConfig
+    loss_config: LossConfig
+    precision: Precision
+
+    def view_selection(self, available: Selection) -> Selection:
+        """Return the grid of the network."""
+        return self.network.views
+
+    def init(self, key: Array, example: LightFieldSample) -> dict:
+        """Return random variables."""
+        truth = self._ground_truth(example)
+        return dict(OccCasNet(self.network).init(key, example.views, ground_truth=truth))
+
+    def loss(
+        self, params: dict, batch_stats: dict, batch: LightFieldSample
+    ) -> tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]]:
+        """Compute the loss of a batch; BatchNorm uses the statistics of the whole batch."""
+        outputs, batch_stats = self.apply(params, batch_stats, batch)
+        loss, metrics = cascade_loss(outputs, batch, self.loss_config)
+
+        def count_bad(disparity, truth, valid):
+            return bad_pixels(disparity, truth, valid, self.loss_config.border)
+
+        bad = jax.vmap(count_bad)(outputs[-1].disparity, batch.disparity, batch.valid)
+        return loss, ({**metrics, "badpix": bad.mean()}, batch_stats)
+
+    def apply(
+        self, params: dict, batch_stats: dict, batch: LightFieldSample
+    ) -> tuple[tuple[StageOutput, ...], dict]:
+        """Apply the network in training mode.
+
+        Args:
+            params: Parameters.
+            batch_stats: Running statistics of BatchNorm.
+            batch: Samples with a leading axis on every field.
+
+        Returns:
+            Outputs with a leading axis on every field, and the new running statistics.
+        """
+        network = OccCasNet(self.network, dtype=self.precision)
+
+        def apply_to_one(sample):
+            outputs, changed = network.apply(
+                {"params": params, "batch_stats": batch_stats},
+                sample.views,
+                train=True,
+                ground_truth=self._ground_truth(sample),
+                mutable=["batch_stats"],
+            )
+            return outputs, changed.get("batch_stats", {})
+
+        return jax.vmap(apply_to_one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
+
+    def predict(self, variables: dict, sample: LightFieldSample) -> Float[Array, "h w"]:
+        """Estimate the disparity of one light field."""
+        truth = self._ground_truth(sample)
+        dtype = jnp.dtype(self.precision)
+        outputs = predict(variables, sample.views, self.network, ground_truth=truth, dtype=dtype)
+        return outputs[-1].disparity
+
+    def _ground_truth(self, sample: LightFieldSample) -> Float[Array, "h w"] | None:
+        """Return the ground truth for networks that compute occlusion maps from it."""
+        if not self.network.needs_ground_truth:
+            return None
+        return jnp.where(sample.valid, sample.disparity, 0.0)
+
+
+def cascade_loss(
+    outputs: tuple[StageOutput, ...], batch: LightFieldSample, config: LossConfig
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """Compute the loss of a cascade: the sum of the errors of all stages.
+
+    With the default settings this is the mean absolute error of each stage's disparity (Chao et
+    al., 2023, eq. 11); the cross-entropy of the probabilities can be added.
+
+    Args:
+        outputs: Output of each stage, with a batch axis on every field.
+        batch: Samples with a leading axis on every field; disparity in pixels per view step.
+        config: Settings of the loss.
+
+    Returns:
+        The loss, and the mean of each error over the pixels that count: ``disparity_0``,
+        ``distribution_0`` and so on, numbered by stage. A mean over no pixels is 0.
+
+    Example:
+        >>> views, offsets, truth = map(jnp.zeros, ((2, 1, 3, 4, 6), (2, 1, 3, 2), (2, 4, 6)))
+        >>> batch = LightFieldSample(views, offsets, truth, views == 0, truth == 0)
+        >>> probabilities, candidates = jnp.full((2, 2, 4, 6), 0.5), jnp.array([[0.0, 1.0]] * 2)
+        >>> stage = StageOutput(truth + 0.5, probabilities, candidates)
+        >>> loss, errors = cascade_loss((stage,), batch, LossConfig())
+        >>> float(loss), list(errors)
+        (0.5, ['disparity_0'])
+    """
+
+    def errors_of_one(outputs, sample):
+        before = [None, *(output.disparity for output in outputs[:-1])]
+        return [
+            _stage_errors(output, previous, sample, config)
+            for output, previous in zip(outputs, before, strict=True)
+        ]
+
+    loss, means = jnp.zeros(()), {}
+    for index, errors in enumerate(jax.vmap(errors_of_one)(outputs, batch)):
+        for name, error in errors.items():
+            means[f"{name}_{index}"] = mean = error.mean()
+            loss += mean if name == "disparity" else config.distribution * mean
+    return loss, means
+
+
+def distribution_error(
+    probabilities: Float[Array, "d h w"],
+    candidates: Float[Array, " d"],
+    truth: Float[Array, "h w"],
+) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    """Compute the cross-entropy between a stage's probabilities and the true disparity.
+
+    The target is the distribution over the two candidates next to the truth whose expectation is
+    the truth.
+
+    Args:
+        probabilities: ``[d, h, w]`` probability of each candidate.
+        candidates: ``[d]`` disparities or residuals, ascending, pixels per view step.
+        truth: ``[h, w]`` true disparity; for residuals, minus the disparity of the stage before.
+
+    Returns:
+        ``[h, w]`` cross-entropy in nats, and ``[h, w]`` whether the truth lies within the
+        candidates; elsewhere the cross-entropy is meaningless.
+
+    Example:
+        >>> even = jnp.full((2, 1, 1), 0.5)
+        >>> entropy, covered = distribution_error(even, jnp.array([0.0, 1.0]), jnp.array([[0.3]]))
+        >>> round(float(entropy[0, 0]), 3), bool(covered[0, 0])
+        (0.693, True)
+    """
+    candidates = jax.lax.stop_gradient(candidates)
+    below = jnp.concatenate([2.0 * candidates[:1] - candidates[1:2], candidates[:-1]])
+    above = jnp.concatenate([candidates[1:], 2.0 * candidates[-1:] - candidates[-2:-1]])
+
+    def per_candidate(values):
+        return values[:, None, None]
+
+    rising = (truth[None] - per_candidate(below)) / per_candidate(candidates - below)
+    falling = (per_candidate(above) - truth[None]) / per_candidate(above - candidates)
+    target = jnp.clip(jnp.minimum(rising, falling), 0.0, 1.0)
+    # Through the softmax, a probability that underflows to zero has the correct gradient at any
+    # positive value; the smallest one changes the cross-entropy least.
+    logarithm = jnp.log(jnp.maximum(probabilities, jnp.finfo(probabilities.dtype).tiny))
+    entropy = -(target * logarithm).sum(0)
+    return entropy, (truth >= candidates[0]) & (truth <= candidates[-1])
+
+
+def _stage_errors(
+    output: StageOutput,
+    before: Float[Array, "h w"] | None,
+    sample: LightFieldSample,
+    config: LossConfig,
+) -> dict[str, WeightedSum]:
+    """Return the errors of one stage on one light field; errors of weight 0 are left out."""
+    counted = inside_border(sample.valid, config.border)
+    # An unknown disparity may be NaN. A factor of zero does not remove it from a gradient.
+    truth = jnp.where(sample.valid, sample.disparity, 0.0)
+    error = penalty(output.disparity - truth, kind=config.penalty, width=config.width)
+    errors = {"disparity": weighted_sum(error, counted)}
+    if config.distribution > 0.0:
+        relative = truth if before is None else truth - jax.lax.stop_gradient(before)
+        entropy, covered = distribution_error(output.probabilities, output.candidates, relative)
+        errors["distribution"] = weighted_sum(entropy, counted & covered)
+    return errors

@@ -1,0 +1,172 @@
+"""Training of ProposalNet: the loss of the selection and its task.
+
+Only the selector has weights. It is trained from prepared proposals
+(:mod:`occjax.training.prepared`), or from light fields whose proposals are computed in every step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from occjax.data.samples import LightFieldSample
+from occjax.models import ProposalConfig, ProposalNet
+from occjax.models.proposal import Selection
+from occjax.models.proposal.proposals import Proposals
+from occjax.training.config import LossConfig, Precision
+from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
+from occjax.training.prepared import PreparedSample, check_crop, propose, unpack
+from occjax.view_selection import Selection as ViewSelection
+
+
+@dataclass(frozen=True)
+class ProposalTask:
+    """Training of ProposalNet's selector; see :class:`occjax.training.tasks.TrainingTask`.
+
+    Attributes:
+        network: Configuration of the network, with a selector.
+        loss_config: Settings of the loss.
+        precision: Type of the selector's convolutions.
+    """
+
+    network: ProposalConfig
+    loss_config: LossConfig
+    precision: Precision
+
+    def view_selection(self, available: ViewSelection) -> ViewSelection:
+        """Return the available views: the network takes any arrangement."""
+        return available
+
+    def init(self, key: Array, example: LightFieldSample | PreparedSample) -> dict:
+        """Return random variables."""
+        proposals = self._proposals(example)[0]
+        return dict(ProposalNet(self.network).init(key, proposals, method="select"))
+
+    def loss(
+        self, params: dict, batch_stats: dict, batch: LightFieldSample | PreparedSample
+    ) -> tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]]:
+        """Compute the loss of a batch."""
+        network = ProposalNet(self.network, dtype=self.precision)
+        errors = []
+        # On a CPU, one example after the other is faster than vmap and than a loop inside XLA.
+        for index in range(batch.disparity.shape[0]):
+            example = jax.tree.map(lambda field, index=index: field[index], batch)
+            proposals, truth = self._proposals(example)
+            selection = network.apply({"params": params}, proposals, method="select")
+            assert isinstance(selection, Selection)
+            errors.append(selection_errors(selection, truth, example.valid, self.loss_config))
+        stacked = jax.tree.map(lambda *fields: jnp.stack(fields), *errors)
+        metrics = {name: error.mean() for name, error in stacked.items()}
+        loss = metrics["disparity"]
+        if "distribution" in metrics:
+            loss += self.loss_config.distribution * metrics["distribution"]
+        return loss, (metrics, batch_stats)
+
+    def predict(self, variables: dict, sample: LightFieldSample) -> Float[Array, "h w"]:
+        """Estimate the disparity of one light field."""
+        network = ProposalNet(self.network, dtype=self.precision)
+        return network.apply(variables, sample.views, offsets=sample.offsets).disparity  # type: ignore[union-attr]
+
+    def _proposals(
+        self, example: LightFieldSample | PreparedSample
+    ) -> tuple[Proposals, Float[Array, "h w"]]:
+        """Return proposals and true disparity, both at the configured reach."""
+        if isinstance(example, PreparedSample):
+            return unpack(example.packed), example.disparity
+        check_crop(example.disparity.shape, self.network)
+        return propose(example, self.network)
+
+
+def selection_errors(
+    selection: Selection,
+    truth: Float[Array, "h w"],
+    valid: Bool[Array, "h w"],
+    config: LossConfig,
+) -> dict[str, WeightedSum]:
+    """Compute the errors of a selection among proposals on one light field.
+
+    Pixels count by :func:`selection_weight`. The cross-entropy rewards the probability of all
+    accurate proposals together: ``-log(sum_k a_k p_k / max_k a_k)`` with the accuracies ``a``
+    (:func:`proposal_accuracy`). The proposals of several neighbours on one surface are nearly
+    equal, and it does not matter which one is selected.
+
+    Args:
+        selection: Selected disparity, proposals and their probabilities.
+        truth: ``[h, w]`` true disparity in the units of the selection.
+        valid: ``[h, w]`` pixels with ground truth.
+        config: Settings of the loss.
+
+    Returns:
+        ``disparity``, the penalty of the selected disparity; ``distribution``, the cross-entropy in
+        nats, unless its weight is 0; ``badpix``, the percentage of bad pixels, which is not part of
+        the loss.
+
+    Example:
+        >>> proposed = jnp.array([0.2, 0.2, 0.9]).reshape(3, 1, 1)
+        >>> selection = Selection(jnp.array([[0.2]]), proposed, jnp.full((3, 1, 1), 1 / 3))
+        >>> config = LossConfig(distribution=1.0)
+        >>> errors = selection_errors(selection, jnp.array([[0.2]]), jnp.array([[True]]), config)
+        >>> {name: round(float(error.mean()), 3) for name, error in errors.items()}  # -log(2 / 3)
+        {'disparity': 0.0, 'distribution': 0.405, 'badpix': 0.0}
+    """
+    # An unknown disparity may be NaN. A factor of zero does not remove it from a gradient.
+    truth = jnp.where(valid, truth, 0.0)
+    accuracy = proposal_accuracy(selection.proposed, truth, config)
+    counted = inside_border(valid, config.border)
+    weight = jnp.where(counted, selection_weight(accuracy, config.settled), 0.0)
+    error = penalty(selection.disparity - truth, kind=config.penalty, width=config.width)
+    errors = {"disparity": weighted_sum(error, weight)}
+    if config.distribution > 0.0:
+        # The selection is not to blame for an accuracy that no proposal reaches.
+        accurate = (selection.probabilities * accuracy).sum(0) / jnp.maximum(accuracy.max(0), 1e-3)
+        errors["distribution"] = weighted_sum(-jnp.log(jnp.maximum(accurate, 1e-6)), weight)
+    return {**errors, "badpix": bad_pixels(selection.disparity, truth, valid, config.border)}
+
+
+def proposal_accuracy(
+    proposed: Float[Array, "k h w"], truth: Float[Array, "h w"], config: LossConfig
+) -> Float[Array, "k h w"]:
+    """Compute how accurate each proposal is.
+
+    Args:
+        proposed: ``[k, h, w]`` proposed disparities.
+        truth: ``[h, w]`` true disparity in the same units.
+        config: Its ``accurate_error`` and ``wrong_error``, between which accuracy falls linearly.
+
+    Returns:
+        ``[k, h, w]`` from 1 (accurate) to 0 (wrong).
+
+    Example:
+        >>> errors = jnp.array([0.0, 0.08, 0.2]).reshape(3, 1, 1)
+        >>> proposal_accuracy(errors, jnp.zeros((1, 1)), LossConfig())[:, 0, 0].round(2).tolist()
+        [1.0, 0.5, 0.0]
+    """
+    width = config.wrong_error - config.accurate_error
+    error = jnp.abs(proposed - truth[None])
+    return jnp.clip((config.wrong_error - error) / width, 0.0, 1.0)
+
+
+def selection_weight(accuracy: Float[Array, "k h w"], settled: float) -> Float[Array, "h w"]:
+    """Compute the weight of each pixel in the loss of a selection.
+
+    If no proposal is accurate, every selection is wrong, and training on the pixel would only teach
+    that no proposal can be trusted. If at most one proposal is wrong, there is little to learn.
+
+    Args:
+        accuracy: ``[k, h, w]`` accuracy of the proposals; above 0.5 a proposal counts as accurate.
+        settled: Weight of pixels at which at most one proposal is wrong.
+
+    Returns:
+        ``[h, w]`` weights: 0, ``settled`` or 1.
+
+    Example:
+        >>> accuracy = jnp.array([[1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])[:, None]
+        >>> selection_weight(accuracy, 0.25).tolist()
+        [[0.25, 1.0, 0.0]]
+    """
+    accurate = accuracy > 0.5
+    wrong = (~accurate).sum(0, dtype=jnp.float32)
+    return jnp.where(accurate.any(0), jnp.where(wrong <= 1.0, settled, 1.0), 0.0)

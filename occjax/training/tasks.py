@@ -1,0 +1,100 @@
+"""What training needs from a model: one task for each kind of model.
+
+A new model adds a module with its task and an entry in :func:`task_of`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+from jaxtyping import Array, Float
+
+from occjax.data.samples import LightFieldSample
+from occjax.errors import InputError
+from occjax.models import ModelConfig, OccCasNetConfig, ProposalConfig
+from occjax.training.config import LossConfig, Precision
+from occjax.training.occcasnet import OccCasNetTask
+from occjax.training.proposal import ProposalTask
+from occjax.view_selection import Selection
+
+
+@runtime_checkable
+class TrainingTask(Protocol):
+    """Training of one kind of model. All methods but ``view_selection`` can be jitted."""
+
+    def view_selection(self, available: Selection) -> Selection:
+        """Return the views that the model takes.
+
+        Args:
+            available: Views of the training data.
+
+        Returns:
+            ``(V, U)`` for a model of a fixed grid; otherwise a selection of the available views.
+        """
+        ...
+
+    def init(self, key: Array, example: Any) -> dict:
+        """Return random variables of the model.
+
+        Args:
+            key: Random key.
+            example: Training example without a batch axis, for its shape.
+        """
+        ...
+
+    def loss(
+        self, params: dict, batch_stats: dict, batch: Any
+    ) -> tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]]:
+        """Compute the training loss of a batch.
+
+        Args:
+            params: Parameters of the model.
+            batch_stats: Running statistics of BatchNorm; empty for a model without BatchNorm.
+            batch: Training examples, with a leading axis on every field.
+
+        Returns:
+            The loss; the metrics to log, one of which is ``badpix`` (percentage of pixels with an
+            error above 0.07); and the new running statistics.
+        """
+        ...
+
+    def predict(self, variables: dict, sample: LightFieldSample) -> Float[Array, "h w"]:
+        """Estimate the disparity of one light field of any size, as ``occjax estimate`` does.
+
+        Args:
+            variables: Variables of the model.
+            sample: One light field (no batch axis).
+
+        Returns:
+            ``[h, w]`` disparity, pixels per view step.
+        """
+        ...
+
+
+def task_of(
+    network: ModelConfig, loss: LossConfig | None = None, precision: Precision = "float32"
+) -> TrainingTask:
+    """Return the training task of a model.
+
+    Args:
+        network: Configuration of the model.
+        loss: Settings of the loss; the defaults if None.
+        precision: Type of the convolutions.
+
+    Returns:
+        The task.
+
+    Raises:
+        InputError: If the model has nothing to train.
+
+    Example:
+        >>> from occjax.models import preset
+        >>> task_of(preset("tiny")).view_selection("all")
+        (3, 3)
+    """
+    loss = loss or LossConfig()
+    if isinstance(network, OccCasNetConfig):
+        return OccCasNetTask(network, loss, precision)
+    if isinstance(network, ProposalConfig) and network.selector is not None:
+        return ProposalTask(network, loss, precision)
+    raise InputError("the model has no weights to train; choose another --network-preset")

@@ -1,0 +1,84 @@
+"""The command as a program: what it imports, its exit codes and its streams."""
+
+import subprocess
+import sys
+
+import pytest
+
+import occjax
+
+HEAVY = ("jax", "flax", "matplotlib", "scipy")
+
+
+def imported_by(code):
+    """Run code in a new process and return the heavy packages that it imported."""
+    code = f"import sys\n{code}\nprint([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("argument", ["--help", "--version"])
+def test_help_and_version_import_no_heavy_packages(argument):
+    code = (
+        f"sys.argv = ['occjax', '{argument}']\nfrom occjax.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as exit:\n    assert exit.code in (0, None)"
+    )
+    assert imported_by(code) == "[]"
+
+
+def test_import_of_the_library_does_not_import_jax():
+    assert imported_by("import occjax, occjax.lightfield, occjax.errors") == "[]"
+
+
+def test_version_is_printed(run):
+    code, out, _ = run("--version")
+    assert (code, out) == (0, f"occjax {occjax.__version__}\n")
+
+
+def test_help_lists_all_commands(run):
+    code, out, _ = run("--help")
+    assert code == 0
+    for command in ("estimate", "demo", "check", "evaluate", "convert", "weights", "pool", "train"):
+        assert f"• {command} " in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("estimate", "absent", "-o", "out"), "absent"),
+        (("estimate", "-o", "out"), "pass at least one scene"),
+        (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),
+        (("evaluate", "absent.pfm", "truth.pfm"), "absent.pfm"),
+        (("check", "absent"), "absent"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(*arguments)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_reader_that_closes_the_pipe_is_no_error(scene):
+    command = f"'{sys.executable}' -m occjax check '{scene}' | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("scene: 9x9 views")
+    assert done.stderr == ""
+
+
+def test_weights_in_the_package_are_listed(run):
+    code, out, _ = run("weights", "list")
+    assert code == 0
+    assert out.startswith("proposal: ")
+    assert "sha256" in out
+
+
+def test_pool_is_rendered_and_explains_how_to_train_on_it(run, tmp_path):
+    scenes = ["--scenes.image-size", 16, 16, "--scenes.grid", 3, 3, "--scenes.views", "all"]
+    few = ["--scenes.walls", 1, "--scenes.sheets", 1, "--scenes.solids", 1]
+    code, out, err = run("pool", tmp_path / "pool", "--count", 1, *scenes, *few)
+    assert code == 0, err
+    assert "1 light fields" in out
+    assert f"--data.pools {tmp_path / 'pool'}" in out
+    assert len(list((tmp_path / "pool").glob("*.npz"))) == 1

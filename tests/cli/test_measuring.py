@@ -1,0 +1,94 @@
+"""``occjax evaluate`` and ``occjax check``."""
+
+import json
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from occjax.io import read_pfm, write_pfm
+
+
+def test_errors_of_known_maps_are_printed(run, tmp_path):
+    truth = np.zeros((60, 60), np.float32)
+    estimate = truth.copy()
+    estimate[15:45, 15:30] = 0.05  # half of the 30x30 pixels within the border
+    write_pfm(tmp_path / "truth.pfm", truth)
+    np.save(tmp_path / "estimate.npy", estimate)
+    files = tmp_path / "estimate.npy", tmp_path / "truth.pfm"
+    code, out, _ = run("evaluate", *files)
+    assert code == 0
+    for line in ("MSE x100     0.125", "BadPix 0.07  0.000 %", "BadPix 0.03  50.000 %"):
+        assert line in out
+    code, out, _ = run("evaluate", *files, "--json")
+    assert json.loads(out)["badpix"]["0.03"] == 50.0
+
+
+def test_published_scores_of_occcasnet_on_cotton(run, shared):
+    folder = shared / "data/hci/cotton_maps"
+    _, out, _ = run("evaluate", folder / "occcasnet_published.pfm", folder / "gt_disp_lowres.pfm")
+    for published in ("0.263 %", "0.569 %", "3.057 %", "0.201"):
+        assert published in out
+
+
+@pytest.mark.parametrize("scene_first", [True, False])
+def test_scene_folder_may_be_either_argument(run, scene, tmp_path, scene_first):
+    truth = read_pfm(scene / "gt_disp_lowres.pfm")
+    np.save(tmp_path / "estimate.npy", truth + np.float32(0.5))
+    pair = (scene, tmp_path / "estimate.npy")
+    code, out, err = run("evaluate", *(pair if scene_first else pair[::-1]), "--border", 2)
+    assert (code, err) == (0, "")
+    assert "MSE x100     25.000" in out
+
+
+def test_measures_of_regions_and_missing_masks(run, scene, tmp_path):
+    estimate = read_pfm(scene / "gt_disp_lowres.pfm")
+    (scene / "masks").mkdir()
+    mask = np.zeros(estimate.shape, np.uint8)
+    mask[16, 16:20] = 255
+    imageio.imwrite(scene / "masks/discontinuities.png", mask)
+    estimate[16, 16] += 1.0  # one of four pixels
+    np.save(tmp_path / "estimate.npy", estimate)
+    code, out, _ = run("evaluate", "--metrics", "all", scene, tmp_path / "estimate.npy")
+    assert code == 0
+    assert ["discontinuities", "25.000", "%"] in [line.split() for line in out.splitlines()]
+    assert "mask_fine_lowres.png" in out
+    names = "discontinuities, badpix_0.5"
+    code, out, _ = run("evaluate", "--metrics", names, scene, tmp_path / "estimate.npy", "--json")
+    assert json.loads(out)["metrics"] == {
+        "discontinuities": 25.0,
+        "badpix_0.5": pytest.approx(100 / (2 * 10)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--metrics", "fine_thinning"), "mask_fine_lowres.png"),
+        (("--metrics", "thinness"), "thinness"),
+        (("--metrics", " , "), "names no measure"),
+        (
+            ("--metrics", "mse_x100", "--thresholds", "0.2", "0.5"),
+            "add badpix_0.2,badpix_0.5 to --metrics",
+        ),
+    ],
+)
+def test_measures_that_cannot_be_computed_are_one_line_and_code_2(run, scene, options, message):
+    code, out, err = run("evaluate", *options, "--", scene, scene / "gt_disp_lowres.pfm")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_measures_of_regions_need_a_scene(run, scene):
+    truth = scene / "gt_disp_lowres.pfm"
+    code, _, err = run("evaluate", "--metrics", "all", truth, truth)
+    assert code == 2
+    assert "is the folder of a scene" in err
+
+
+def test_check_names_the_layout_and_how_to_pass_it(run, scene):
+    code, out, err = run("check", scene)
+    assert (code, err) == (0, "")
+    assert "layout: as declared" in out
+    _, out, _ = run("check", scene, "--order", "uv")
+    assert "rows and columns swapped; pass --order vu" in out

@@ -1,0 +1,113 @@
+"""From a light field to an estimate: what all estimators have in common."""
+
+import importlib.util
+import pickle
+from pathlib import Path
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import occjax
+from occjax.estimators import estimate, estimate_occlusion, export_estimator, run_estimator
+from occjax.estimators.driver import _compile
+from tests.scenes import plane
+
+RANGE = (-2.0, 2.0)
+KINDS = pytest.mark.parametrize("name", ["photometric", "tiny", "proposal_small"])
+
+
+def median_error(result, light_field):
+    return np.median(np.abs(result.disparity - light_field.ground_truth)[6:-6, 6:-6])
+
+
+def test_photometric_estimate_of_a_slanted_plane(estimators, scene):
+    phases = []
+    result = run_estimator(
+        estimators["photometric"],
+        scene,
+        disparity_range=RANGE,
+        occlusion=True,
+        report_phase=phases.append,
+    )
+    assert median_error(result, scene) < 0.03
+    assert result.model == "photometric"
+    assert result.weights is None
+    assert result.disparity_range == RANGE
+    assert result.disparity.dtype == np.float32
+    assert result.occlusion.shape == (3, 3, 24, 32)
+    assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
+    assert phases == ["preparing", "compiling", "estimating", "occlusion maps"]
+    assert set(result.seconds) == {"prepare", "compile", "run", "occlusion"}
+    assert all(seconds > 0 for seconds in result.seconds.values())
+    restored = pickle.loads(pickle.dumps(result))
+    np.testing.assert_array_equal(restored.disparity, result.disparity)
+
+
+@KINDS
+def test_two_runs_give_identical_results_of_two_stages(name, estimators, scene):
+    one, other = (
+        run_estimator(estimators[name], scene, disparity_range=RANGE, occlusion=k > 0)
+        for k in range(2)
+    )
+    for field in ("disparity", "confidence", "standard_deviation", "coarse"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+        assert getattr(one, field).shape == scene.image_size
+    first, last = one.stages
+    np.testing.assert_array_equal(first, one.coarse)
+    np.testing.assert_array_equal(last, one.disparity)
+    assert other.occlusion.shape == (3, 3, 24, 32)
+    assert (one.occlusion is None) == (name != "tiny")  # occlusion maps are part of OccCasNet
+    assert one.model == name
+    assert one.weights == (None if name == "photometric" else f"{name}.safetensors")
+
+
+def test_light_fields_of_one_shape_are_compiled_once(estimators, scene):
+    run_estimator(estimators["photometric"], scene, disparity_range=RANGE)
+    before = _compile.cache_info().misses
+    other = plane(size=(24, 32), seed=2)
+    one = run_estimator(estimators["photometric"], other, disparity_range=(-2.1, 1.9))
+    again = estimate(other, model="photometric", disparity_range=(-2.1, 1.9))
+    assert _compile.cache_info().misses == before
+    np.testing.assert_array_equal(one.disparity, again.disparity)
+    assert occjax.estimate is estimate
+
+
+def test_views_declared_twice_as_far_apart_have_half_the_disparity(estimators):
+    offsets = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0], indexing="ij"), -1)
+    wide = plane(size=(24, 32), disparity=0.5, positions=offsets.astype(np.float32))
+    result = run_estimator(estimators["photometric"], wide, disparity_range=(-1.0, 1.0))
+    assert np.median(result.disparity[6:-6, 6:-6]) == pytest.approx(0.25, abs=0.03)
+
+
+def test_occlusion_maps_are_zero_only_at_the_true_disparity(scene):
+    right, wrong = (
+        estimate_occlusion(scene, scene.ground_truth + np.float32(error)) for error in (0.0, 0.5)
+    )
+    np.testing.assert_array_equal(right[1, 1], np.zeros(scene.image_size))
+    assert 5 * right[..., 4:-4, 4:-4].mean() < wrong[..., 4:-4, 4:-4].mean()
+
+
+@pytest.mark.parametrize("name", ["photometric", "tiny"])
+def test_exported_estimator_gives_the_same_result(name, estimators, scene):
+    exported = export_estimator(estimators[name], scene, disparity_range=RANGE)
+    restored = jax.export.deserialize(exported.serialize())
+    assert [shape.shape for shape in restored.in_avals] == [(3, 3, 24, 32)]
+    result = restored.call(jnp.asarray(scene.grey()))
+    expected = run_estimator(estimators[name], scene, disparity_range=RANGE)
+    np.testing.assert_allclose(result["disparity"], expected.disparity, atol=1e-5)
+
+
+def test_third_model_of_the_documentation_estimates_a_slanted_plane(scene):
+    path = Path(__file__).parents[2] / "docs/examples/plane_sweep.py"
+    spec = importlib.util.spec_from_file_location("plane_sweep", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    result = occjax.estimate(
+        scene, model=module.PlaneSweep(), disparity_range=(-0.5, 1.5), occlusion=True
+    )
+    assert median_error(result, scene) < 0.05
+    assert result.model == "plane sweep"
+    assert result.occlusion.shape == (3, 3, 24, 32)

@@ -1,0 +1,134 @@
+"""Preparation of light fields for OccCasNet and ProposalNet, and the choice of the range."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.estimators import estimate, make_estimator, run_estimator
+from occjax.estimators.ranges import choose_range, notes_on_limits
+from occjax.layout import Orientation, check
+from occjax.lightfield import LightField
+from occjax.models import preset
+from tests.io.scenes import two_planes
+from tests.scenes import plane
+
+
+def test_larger_grid_is_cropped_with_a_note(estimators):
+    large = plane(grid=(5, 7), size=(24, 32))
+    cropped = estimators["tiny"].prepare(large, None)
+    expected = estimators["tiny"].prepare(large.central(3, 3), None)
+    np.testing.assert_array_equal(cropped.views, expected.views)
+    assert cropped.notes == ("the central 3x3 of 5x7 views are used",)
+    assert not expected.notes
+    assert expected.disparity_range == (-2.0, 2.0)
+
+
+def test_range_elsewhere_moves_the_candidates(estimators, scene):
+    result = run_estimator(estimators["tiny"], scene, disparity_range=(4.0, 6.0))
+    assert result.disparity_range == (3.0, 7.0)
+    assert result.coarse.min() >= 3.0
+    assert "candidates moved to [3.00, 7.00]" in result.notes
+
+
+def test_light_fields_that_do_not_fit_occcasnet_are_refused(estimators, scene):
+    tiny = estimators["tiny"]
+    with pytest.raises(InputError, match=r"has 1x5 views.*photometric"):
+        tiny.prepare(plane(grid=(1, 5)), None)
+    with pytest.raises(InputError, match="model proposal, which takes any range"):
+        tiny.prepare(scene, (-4.0, 4.0))
+    _, second = preset("tiny").stages
+    stages = (preset("tiny").stages[0], dataclasses.replace(second, occlusion="ground_truth"))
+    needs_truth = dataclasses.replace(tiny, config=preset("tiny", stages=stages))
+    with pytest.raises(InputError, match="ground truth, which is missing"):
+        needs_truth.prepare(dataclasses.replace(scene, ground_truth=None), None)
+
+
+def test_proposal_net_selects_row_column_and_diagonals_of_a_grid(estimators):
+    proposal, light_field = estimators["proposal_small"], plane(grid=(5, 5), size=(16, 16))
+    inputs = proposal.prepare(light_field, (-1.0, 1.0))
+    used = {divmod(int(index), 5) for index in inputs.view_indices}
+    assert {(0, 0), (2, 4), (1, 2), (3, 1), (2, 2)} <= used
+    assert not used & {(0, 1), (1, 0), (3, 4), (4, 3)}
+    rows, columns = np.indices((5, 5), dtype=np.float32) - 2
+    positions = np.stack([rows + 0.2 * columns, columns], axis=-1)
+    irregular = proposal.prepare(dataclasses.replace(light_field, positions=positions), (-1.0, 1.0))
+    assert irregular.views.shape == (1, 25, 16, 16)
+
+
+def test_proposal_net_refuses_a_range_of_too_many_candidates(estimators, scene):
+    with pytest.raises(InputError, match="too wide; the model searches at most"):
+        estimators["photometric"].prepare(scene, (-1e3, 1e3))
+
+
+def test_measured_range_is_noted_and_declared_range_is_not():
+    (low, high), (note,) = choose_range(plane(disparity=0.8), None)
+    assert low < 0.8 < high
+    assert "found by photo-consistency" in note
+    assert choose_range(plane(disparity_range=(-1.0, 2.0)), None) == ((-1.0, 2.0), ())
+
+
+def test_range_is_that_of_the_declared_layout():
+    """Occlusion shows that the grid is rotated by 180 degrees; the declared layout is used."""
+    rotated = LightField(two_planes()[0][::-1, ::-1])  # disparities of 1 and -1.5
+    assert check(rotated).best == Orientation().reversed_sign
+    (low, high), _ = choose_range(rotated, None)
+    assert -2.0 <= low < -1.5
+    assert 1.0 < high <= 1.5
+
+
+@pytest.mark.parametrize("requested", [(2.0, 1.0), (0.0, 0.0), (float("nan"), 1.0)])
+def test_reversed_and_empty_ranges_are_refused(requested, scene):
+    with pytest.raises(InputError, match="minimum < maximum"):
+        choose_range(scene, requested)
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("requested", [(1, 2, 3), 1.0, "ab", (None, 1)])
+def test_ranges_that_are_not_two_numbers_are_refused(requested, scene):
+    with pytest.raises(InputError, match="needs two numbers"):
+        estimate(scene, model="photometric", disparity_range=requested)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "limit"), [(0, 1, None), (0.3, 1, "lower"), (0, 0.7, "upper")]
+)
+def test_many_disparities_at_a_limit_are_noted(low, high, limit):
+    disparity = np.clip(np.linspace(0.2, 0.8, 100, dtype=np.float32)[None], low, high)
+    notes = notes_on_limits(disparity, (float(low), float(high)))
+    assert len(notes) == (limit is not None)
+    assert all(f"at the {limit} limit" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": "no_such_model"}, r"no_such_model.*photometric, cas_1"),
+        ({"model": "occcasnet"}, "occjax weights fetch"),
+        ({"model": "photometric", "weights": "w.h5"}, "takes no weights"),
+        ({"model": "photometric", "warp": "correct"}, "has no warp"),
+        ({"warp": "correct"}, "has no warp option"),
+        ({"precision": "float16"}, "float32 or bfloat16"),
+        ({"weights": "absent.safetensors"}, "absent.safetensors: there is no such file"),
+    ],
+)
+def test_options_that_do_not_fit_together_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        make_estimator(**options)
+
+
+def test_weights_name_the_model_and_its_warp(weights_file):
+    path = weights_file("tiny")
+    assert make_estimator(weights=path).name == "tiny"
+    transposed = make_estimator("tiny", weights=path, warp="transposed")
+    assert any("transposed" in note for note in transposed.notes)
+    with pytest.raises(InputError, match="another model"):
+        make_estimator("cas_1", weights=path)
+
+
+def test_bundled_weights_are_found_by_default_and_by_former_names():
+    default, alias = make_estimator(), make_estimator("light")
+    assert default == alias
+    assert (default.name, default.weights) == ("proposal", "proposal.safetensors")
+    assert make_estimator(weights="light").weights == "proposal.safetensors"

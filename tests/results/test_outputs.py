@@ -1,0 +1,144 @@
+"""The folder of files of an estimate."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.estimators import Estimate
+from occjax.io import read_pfm
+from occjax.lightfield import LightField
+from occjax.results.outputs import FILES, write_outputs
+from tests.io.test_ply import read_vertices
+from tests.results.test_conversion import CAMERA, HEIGHT, WIDTH
+
+RANDOM = np.random.default_rng(0)
+TRUTH = np.linspace(-1.0, 1.5, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
+OPTIONAL = {"depth.npy", "error.png", "occlusion.png"}
+
+
+def light_field(**changes):
+    views = RANDOM.integers(0, 256, (3, 3, HEIGHT, WIDTH, 3), np.uint8)
+    return LightField(**{"views": views, "name": "ramp", **changes})
+
+
+def estimate(**changes):
+    fields = {
+        "disparity": TRUTH + np.float32(0.05),
+        "confidence": np.full((HEIGHT, WIDTH), 0.75, np.float32),
+        "standard_deviation": np.full((HEIGHT, WIDTH), 0.1, np.float32),
+        "coarse": None,
+        "occlusion": RANDOM.random((3, 3, HEIGHT, WIDTH), np.float32),
+        "disparity_range": (-1.5, 2.0),
+        "model": "photometric",
+        "weights": None,
+        "notes": ("a 3x3 grid is small",),
+        "seconds": {"run": 0.12345},
+        "stages": (),
+    }
+    return Estimate(**{**fields, **changes})
+
+
+def contents(folder):
+    return {path.name: path.is_dir() or path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_calibrated_scene_with_truth_gets_every_file(tmp_path):
+    disparity = TRUTH + np.float32(0.05)
+    disparity[0, 0] = np.nan
+    scene = light_field(calibration=CAMERA, ground_truth=TRUTH)
+    outputs = write_outputs(estimate(disparity=disparity), scene, tmp_path / "ramp")
+    assert tuple(path.name for path in outputs.paths) == FILES
+    assert set((tmp_path / "ramp").iterdir()) == set(outputs.paths)
+    np.testing.assert_array_equal(np.load(tmp_path / "ramp/disparity.npy"), disparity)
+    np.testing.assert_array_equal(read_pfm(tmp_path / "ramp/disparity.pfm"), disparity)
+
+    summary = json.loads((tmp_path / "ramp/summary.json").read_text())
+    assert summary["model"] == "photometric"
+    assert summary["grid"] == [3, 3]
+    assert summary["searched_disparity_range"] == [-1.5, 2.0]
+    assert summary["disparity"]["missing"] == 1
+    assert summary["disparity"]["maximum"] == pytest.approx(1.55)
+    assert summary["seconds"] == {"run": 0.123}
+    assert summary["notes"] == list(outputs.notes) == ["a 3x3 grid is small"]
+    assert 10 < summary["peak_memory_mb"] < 1e6
+    assert set(summary["versions"]) == {"occjax", "jax", "numpy", "python"}
+    # All errors are 0.05: bad at 0.03, not at 0.07; (0.05)^2 * 100 = 0.25.
+    assert summary["metrics"]["badpix"] == {"0.07": 0.0, "0.03": 100.0, "0.01": 100.0}
+    assert summary["metrics"]["mse_x100"] == pytest.approx(0.25, rel=1e-4)
+
+
+def test_files_of_an_earlier_estimate_are_removed_and_others_kept(tmp_path):
+    for name in OPTIONAL:
+        (tmp_path / name).write_text("earlier")
+    (tmp_path / "mine.png").write_text("mine")
+    outputs = write_outputs(estimate(occlusion=None), light_field(), tmp_path)
+    assert {path.name for path in outputs.paths} == set(FILES) - OPTIONAL
+    assert set(tmp_path.iterdir()) == {*outputs.paths, tmp_path / "mine.png"}
+    assert "no calibration" in outputs.notes[-1]
+    assert outputs.metrics is None
+
+
+def test_equal_estimates_give_equal_bytes(tmp_path):
+    scene, given = light_field(ground_truth=TRUTH), estimate()
+    for name in ("one", "other"):
+        write_outputs(given, scene, tmp_path / name)
+    one, other = contents(tmp_path / "one"), contents(tmp_path / "other")
+    del one["summary.json"], other["summary.json"]  # they contain the peak memory
+    assert one == other
+
+
+def test_a_failure_leaves_an_earlier_result_unchanged(tmp_path, monkeypatch):
+    folder = tmp_path / "ramp"
+    write_outputs(estimate(), light_field(), folder)
+    before = contents(folder)
+    with monkeypatch.context() as patched:
+        patched.setattr("occjax.results.outputs.json.dumps", lambda *_, **__: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            write_outputs(estimate(disparity=-TRUTH), light_field(), folder)
+    assert contents(folder) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["ramp"]
+
+    (folder / "summary.json").unlink()
+    (folder / "summary.json").mkdir()
+    before = contents(folder)
+    with pytest.raises(InputError, match=r"ramp/summary\.json: cannot be written"):
+        write_outputs(estimate(disparity=-TRUTH), light_field(), folder)
+    assert contents(folder) == before
+
+
+def test_pixels_without_point_or_signal_are_left_out_of_the_points(tmp_path):
+    scene = light_field(calibration=CAMERA)
+    scene.views[:] = np.maximum(scene.views, 1)
+    scene.views[1, 1, 2, 3] = 0  # black: no signal
+    scene.views[1, 1, 4, 5] = (0, 0, 1)  # the darkest pixel with signal
+    disparity, confidence = TRUTH.copy(), np.full((HEIGHT, WIDTH), 0.75, np.float32)
+    confidence[6, 7] = 0.0
+    disparity[0, 0] = np.nan
+    disparity[1, 1] = -1e3  # behind infinitely distant points
+    given = estimate(disparity=disparity, confidence=confidence)
+    outputs = write_outputs(given, scene, tmp_path / "ramp")
+    assert math.isinf(np.load(tmp_path / "ramp/depth.npy")[1, 1])
+    assert any(f"leaves out 2 of {HEIGHT * WIDTH} pixels" in note for note in outputs.notes)
+
+    vertices, _ = read_vertices(tmp_path / "ramp/points.ply")
+    focal_length = CAMERA.focal_length_pixels((HEIGHT, WIDTH))
+    x = vertices["x"] / -vertices["z"] * focal_length + (WIDTH - 1) / 2
+    y = (HEIGHT - 1) / 2 - vertices["y"] / -vertices["z"] * focal_length
+    present = set(zip(np.rint(y).astype(int), np.rint(x).astype(int), strict=True))
+    assert set(np.ndindex(HEIGHT, WIDTH)) - present == {(0, 0), (1, 1), (2, 3), (6, 7)}
+
+
+def test_small_images_and_empty_truth_are_noted(tmp_path):
+    flat = np.zeros((8, 8), np.float32)
+    given = estimate(disparity=flat, confidence=flat, occlusion=None)
+    views = np.zeros((3, 3, 8, 8, 3), np.uint8)
+    small = write_outputs(given, LightField(views=views, ground_truth=flat), tmp_path / "small")
+    assert small.metrics.border == 0
+    assert any("too small" in note for note in small.notes)
+    empty = LightField(views=views, ground_truth=np.full_like(flat, np.nan))
+    outputs = write_outputs(given, empty, tmp_path / "empty")
+    assert outputs.metrics is None
+    assert any("no finite value" in note for note in outputs.notes)

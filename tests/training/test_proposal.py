@@ -1,0 +1,163 @@
+"""Loss of the selection against NumPy loops, and training of the selector."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax.data.samples import LightFieldSample
+from occjax.errors import InputError
+from occjax.models import preset
+from occjax.models.proposal import Selection
+from occjax.training import (
+    LossConfig,
+    OptimiserConfig,
+    TrainConfig,
+    init_state,
+    recipe,
+    selection_errors,
+    task_of,
+    train_step,
+)
+from occjax.training.prepared import DISPARITY_STEPS, PackedProposals, PreparedSample
+from tests.reference.variables import random_variables
+from tests.training.conftest import PROPOSAL_NETWORK
+
+CONFIG = LossConfig(penalty="log", width=0.05, distribution=1.0, settled=0.25)
+
+
+@pytest.fixture(scope="module")
+def selection():
+    """A random selection among five proposals, and the true disparity."""
+    generator = np.random.default_rng(2)
+    scores = np.exp(generator.normal(size=(5, 4, 6)))
+    proposed = generator.uniform(-0.4, 0.4, (5, 4, 6))
+    proposed[:, 0, 0] = 0.1  # all accurate
+    proposed[:, 0, 1] = 9.0  # all wrong
+    truth = generator.uniform(-0.3, 0.3, (4, 6))
+    truth[0, 0] = 0.1
+    disparity = generator.uniform(-0.4, 0.4, (4, 6))
+    arrays = (disparity, proposed, scores / scores.sum(0), truth)
+    *fields, truth = (jnp.asarray(each, jnp.float32) for each in arrays)
+    return Selection(*fields), truth
+
+
+def test_errors_are_means_weighted_by_what_a_pixel_can_teach(selection):
+    """Loop over pixels: accuracy falls from 1 at an error of 0.04 to 0 at 0.12."""
+    selection, truth = selection
+    valid = np.ones((4, 6), bool)
+    valid[2, 3] = False
+    weights, penalties, entropies = [], [], []
+    for place in zip(*np.nonzero(valid), strict=True):
+        error = np.abs(np.asarray(selection.proposed)[:, *place] - truth[place])
+        accuracy = np.interp(error, [0.04, 0.12], [1.0, 0.0])
+        wrong = (error > 0.08).sum()
+        weights.append(0.0 if wrong == 5 else 0.25 if wrong <= 1 else 1.0)
+        off = abs(selection.disparity[place] - truth[place])
+        penalties.append(0.25 * np.log1p(off / 0.05))
+        probability = (np.asarray(selection.probabilities)[:, *place] * accuracy).sum()
+        entropies.append(-np.log(max(probability / max(accuracy.max(), 1e-3), 1e-6)))
+    assert set(weights) == {0.0, 0.25, 1.0}
+    errors = selection_errors(selection, truth, jnp.asarray(valid), CONFIG)
+    for name, values in (("disparity", penalties), ("distribution", entropies)):
+        expected = np.average(values, weights=weights)
+        np.testing.assert_allclose(errors[name].mean(), expected, rtol=1e-4)
+    bad = np.abs(selection.disparity - truth)[valid] > 0.07
+    np.testing.assert_allclose(errors["badpix"].mean(), 100.0 * bad.mean(), rtol=1e-6)
+
+
+def test_probability_may_be_divided_among_accurate_proposals():
+    probabilities = jnp.array([0.5, 0.5, 0.0]).reshape(3, 1, 1)
+    proposed = jnp.array([0.3, 0.33, 0.8]).reshape(3, 1, 1)
+    truth = jnp.array([[0.3]])
+    errors = selection_errors(
+        Selection(truth, proposed, probabilities), truth, jnp.array([[True]]), CONFIG
+    )
+    np.testing.assert_allclose(errors["distribution"].mean(), 0.0, atol=1e-6)
+
+
+def test_unknown_disparities_leave_the_gradient_finite(selection):
+    selection, truth = selection
+    valid = jnp.arange(6)[None] > jnp.arange(4)[:, None]
+    truth = jnp.where(valid, truth, jnp.nan)
+
+    def loss(disparity, probabilities):
+        changed = selection._replace(disparity=disparity, probabilities=probabilities)
+        errors = selection_errors(changed, truth, valid, CONFIG)
+        return errors["disparity"].mean() + errors["distribution"].mean()
+
+    gradients = jax.grad(loss, (0, 1))(selection.disparity, selection.probabilities)
+    for gradient in gradients:
+        assert np.isfinite(gradient).all()
+
+
+def prepared_batch(count=2, size=(16, 16)):
+    """Return random proposals, of which one at a known place is correct at every pixel."""
+    generator = np.random.default_rng(4)
+    truth = generator.uniform(-1.0, 1.0, (count, *size)).astype(np.float32)
+    proposed = truth[:, None] + generator.choice([-0.4, 0.3], (count, 10, *size))
+    proposed[:, 3] = truth
+    costs = np.full((count, 10, 13, *size), 200, np.uint8)
+    costs[:, 3] = 20
+    packed = PackedProposals(
+        centre=np.full(truth.shape, 100, np.uint8),
+        disparity=proposed[:, 0].astype(np.float32),
+        proposed=np.rint(DISPARITY_STEPS * proposed).astype(np.int16),
+        costs=costs,
+        log_variance=np.zeros(truth.shape, np.float16),
+        peak_probability=np.ones(truth.shape, np.float16),
+    )
+    return jax.tree.map(jnp.asarray, PreparedSample(packed, truth, np.ones(truth.shape, bool)))
+
+
+def test_the_selector_learns_to_select_the_proposal_of_low_cost():
+    optimiser = OptimiserConfig(peak_rate=1e-2, schedule="constant")
+    config = TrainConfig(PROPOSAL_NETWORK, CONFIG, optimiser, steps=30)
+    batch = prepared_batch()
+    state, reports = init_state(config, batch), []
+    for _ in range(30):
+        state, metrics = train_step(state, batch, config=config)
+        reports.append(metrics)
+    first, last = reports[0], reports[-1]
+    assert set(first) == {"loss", "disparity", "distribution", "badpix", "gradient_norm"}
+    np.testing.assert_allclose(first["loss"], first["disparity"] + first["distribution"], rtol=1e-6)
+    assert first["badpix"] > 90.0  # the first proposal is selected, and is wrong
+    assert last["badpix"] < 10.0
+    assert last["loss"] < 0.2 * first["loss"]
+
+
+def test_light_fields_are_trained_on_without_preparation():
+    """Traced only, because compiling the search takes a minute."""
+    config = recipe("proposal").train
+
+    def like(*shape, dtype=jnp.float32):
+        return jax.ShapeDtypeStruct(shape, dtype)
+
+    def batch(size):
+        return LightFieldSample(
+            views=like(2, 1, 17, *size),
+            offsets=like(2, 1, 17, 2),
+            disparity=like(2, *size),
+            visibility=like(2, 1, 17, *size, dtype=bool),
+            valid=like(2, *size, dtype=bool),
+        )
+
+    state = jax.eval_shape(partial(init_state, config), batch((32, 48)))
+    after, report = jax.eval_shape(partial(train_step, config=config), state, batch((32, 48)))
+    assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
+    assert set(report) == {"loss", "disparity", "distribution", "badpix", "gradient_norm"}
+    with pytest.raises(InputError, match="crop is 32x40 pixels; the network needs multiples of 16"):
+        jax.eval_shape(partial(init_state, config), batch((32, 40)))
+
+
+def test_variables_are_those_of_the_network():
+    state = init_state(TrainConfig(PROPOSAL_NETWORK), prepared_batch(count=1))
+    expected = random_variables(PROPOSAL_NETWORK)["params"]
+    assert jax.tree.map(jnp.shape, state.params) == jax.tree.map(jnp.shape, expected)
+
+
+def test_a_model_without_weights_is_refused():
+    with pytest.raises(InputError, match="has no weights to train"):
+        task_of(preset("photometric"))
