@@ -29,13 +29,13 @@ class Bar:
         norm: Range of values.
         colours: Colormap.
         label: Name of the quantity.
-        cut: Ends of the range that values exceed: neither, min, max or both.
+        extend: Ends of the range that values exceed: neither, min, max or both.
     """
 
     norm: Normalize
     colours: Colormap
     label: str
-    cut: str = "neither"
+    extend: str = "neither"
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ def _draw(canvas: Canvas, panel: Panel, left: int, top: int) -> None:
     if panel.bar:
         bar = panel.bar
         rectangle = (left + width + GAP, top + LINE_HEIGHT, BAR_WIDTH, height)
-        canvas.bar(bar.norm, bar.colours, bar.label, rectangle, cut=bar.cut)
+        canvas.bar(bar.norm, bar.colours, bar.label, rectangle, extend=bar.extend)
 
 
 def _mark(axes: Axes, letter: str, place: tuple[int, int]) -> None:

@@ -18,7 +18,7 @@ from occjax.viz.canvas import TEXT, whole_zoom
 from occjax.viz.colour import (
     MISSING,
     NO_VALUE,
-    cut_ends,
+    colourbar_extend,
     disparity_colours,
     disparity_limits,
     limits,
@@ -62,7 +62,7 @@ def maps_figure(
     colours = disparity_colours()
     step = shrink_step(last, *[SMALL_MAP_SIZE_PX] * (len(maps) > MAX_LARGE_MAPS))
     zoom = whole_zoom(last[::step, ::step].shape)
-    bar = Bar(norm, colours, DISPARITY_LABEL, cut_ends(norm, *maps.values()))
+    bar = Bar(norm, colours, DISPARITY_LABEL, colourbar_extend(norm, *maps.values()))
 
     def shown(title: str, values: np.ndarray) -> Panel:
         return Panel(title, coloured(values[::step, ::step], norm, colours), zoom)

@@ -183,7 +183,9 @@ def pairwise_figure(
     mark_border(axes, (height, width), border // step)
     bar = (lefts[2] + 8, bar_top, panel - 16, 12)
     label = f"|error of {names[0]}| - |error of {names[1]}|"
-    canvas.bar(better, better_colours(), label, bar, ticks=[ticks[0], 0.0, ticks[-1]], cut="both")
+    canvas.bar(
+        better, better_colours(), label, bar, ticks=[ticks[0], 0.0, ticks[-1]], extend="both"
+    )
     return canvas.figure
 
 

@@ -51,8 +51,8 @@ from occjax.lightfield import LightField, to_unit_float
 from occjax.models import ALIASES, PRESETS
 from occjax.viz.canvas import TEXT, save, whole_zoom
 from occjax.viz.colour import (
+    colourbar_extend,
     confidence_colours,
-    cut_ends,
     disparity_colours,
     disparity_limits,
     limits,
@@ -170,8 +170,10 @@ def _rows(band: Band) -> tuple[list[Panel], list[Panel]]:
     ranges = [disparity_limits(disparity, confidence) for disparity, confidence in found]
     shared = limits(np.array([end for norm in ranges for end in (norm.vmin, norm.vmax)]))
     unit = Normalize(0.0, 1.0)
-    cut = cut_ends(shared, *(disparity for disparity, _ in found)) if found else "neither"
-    disparity_bar = Bar(shared, disparity_colours(), "disparity", cut)
+    extend = (
+        colourbar_extend(shared, *(disparity for disparity, _ in found)) if found else "neither"
+    )
+    disparity_bar = Bar(shared, disparity_colours(), "disparity", extend)
     confidence_bar = Bar(unit, confidence_colours(), "confidence")
     blank = np.ones_like(centre)
     above, below = [Panel(band.title, centre, zoom)], [Panel("", blank, zoom)]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from occjax.errors import InputError
 
 if TYPE_CHECKING:
-    from occjax import estimators, evaluation, io, layout, models, ops
+    from occjax import data, estimators, evaluation, io, layout, models, ops, results, training, viz
     from occjax.estimators import Estimate, Estimator, estimate, make_estimator
     from occjax.io import load
     from occjax.layout import check
@@ -28,6 +28,7 @@ __all__ = [
     "InputError",
     "LightField",
     "check",
+    "data",
     "estimate",
     "estimators",
     "evaluation",
@@ -37,6 +38,9 @@ __all__ = [
     "make_estimator",
     "models",
     "ops",
+    "results",
+    "training",
+    "viz",
 ]
 
 _HOME = {

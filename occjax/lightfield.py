@@ -1,4 +1,4 @@
-"""The light field: a grid of views, and what is known about the camera that took it.
+"""The light field: a grid of views with the camera parameters, and the conventions of the library.
 
 Conventions of the whole library (every other module refers to these):
 
@@ -91,7 +91,7 @@ def project(y: Any, x: Any, disparity: Any, offset: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Camera parameters of the HCI format; what turns disparity into metric depth.
+    """Camera parameters of the HCI format, which relate disparity to metric depth.
 
     Attributes:
         focal_length_mm: Focal length of each camera, in millimetres.
@@ -106,15 +106,15 @@ class Calibration:
     focus_distance_m: float
 
     def focal_length_pixels(self, image_size: tuple[int, int]) -> float:
-        """Focal length in pixels of views of ``(H, W)``: ``focal_length / sensor * max(H, W)``."""
+        """Return the focal length in pixels: ``focal_length / sensor * max(H, W)``."""
         return self.focal_length_mm / self.sensor_size_mm * max(image_size)
 
     def inverse_depth(self, disparity: Any, image_size: tuple[int, int]) -> Any:
-        """``1 / depth`` in 1/m, in which disparity is linear: ``d / (f * b) + 1 / focus``.
+        """Return ``1 / depth`` in 1/m, which is linear in disparity: ``d / (f * b) + 1 / focus``.
 
-        ``f`` is the focal length in pixels and ``b`` the baseline. This is the formula of the HCI
-        4D benchmark, ``depth = beta * f_d / (d * f_d * sensor + beta)`` with
-        ``beta = baseline * focal_length * max(H, W)``, turned over.
+        ``f`` is the focal length in pixels and ``b`` the baseline. This is the inverse of the
+        formula of the HCI 4D benchmark, ``depth = beta * f_d / (d * f_d * sensor + beta)`` with
+        ``beta = baseline * focal_length * max(H, W)``.
 
         Args:
             disparity: NumPy or JAX array ``[...]``, pixels per view step.
@@ -126,7 +126,7 @@ class Calibration:
         return disparity / self._parallax(image_size) + 1.0 / self.focus_distance_m
 
     def disparity(self, depth: Any, image_size: tuple[int, int]) -> Any:
-        """Disparity of points at a depth: ``f * b * (1 / depth - 1 / focus)``.
+        """Return the disparity of points at a depth: ``f * b * (1 / depth - 1 / focus)``.
 
         Args:
             depth: NumPy or JAX array ``[...]``, metres along the optical axis; positive, may be
@@ -144,7 +144,7 @@ class Calibration:
         return (1.0 / depth - 1.0 / self.focus_distance_m) * self._parallax(image_size)
 
     def depth(self, disparity: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
-        """Metric depth of a disparity map, by the formula of the HCI 4D benchmark.
+        """Return the metric depth of a disparity map, by the formula of the HCI 4D benchmark.
 
         The inverse of :meth:`disparity`; :func:`occjax.ops.depth_from_disparity` is the same in
         JAX.
@@ -162,26 +162,27 @@ class Calibration:
         return np.where(distant, np.inf, 1.0 / np.where(distant, 1.0, inverse))
 
     def _parallax(self, image_size: tuple[int, int]) -> float:
-        """Disparity, in pixels per view step, between points at one metre and at infinity."""
+        """Return the disparity between one metre and infinity, in pixels per view step."""
         return self.focal_length_pixels(image_size) * self.baseline_mm / 1000.0
 
 
 @dataclass(frozen=True, eq=False)
 class LightField:
-    """A rectangular grid of views of one scene, as stored, with what its files say about it.
+    """A rectangular grid of views of one scene, with the metadata that its files contain.
 
     Attributes:
-        views: ``[V, U, H, W, C]``, uint8, uint16 or floating point in [0, 1]; C is 1 or 3.
+        views: ``[V, U, H, W, C]``, uint8, uint16 or floating point in [0, 1]; C is 1 or 3. Grey
+            views may be passed without their channel axis.
         name: Short name of the scene, used for output folders.
         calibration: Camera parameters, if the source has them.
-        disparity_range: ``(minimum, maximum)`` in pixels per view step, if the source says.
+        disparity_range: ``(minimum, maximum)`` in pixels per view step, if the source has it.
         ground_truth: ``[H, W]`` float32 disparity of the centre view, if present.
         positions: ``[V, U, 2]`` float32 camera positions ``(row, column)`` of an irregular (gantry)
             grid, in steps of the mean spacing, relative to the centre view; None for a regular
             grid.
         source: Where the light field was read from.
-        layout_report: Measurement of the layout and the disparity range of these views, if it was
-            made. Set it to None when you replace the views.
+        view_order_report: Measurement of the view order and the disparity range, if it was made.
+            Set it to None when you replace the views.
     """
 
     views: np.ndarray
@@ -191,10 +192,14 @@ class LightField:
     ground_truth: np.ndarray | None = None
     positions: np.ndarray | None = None
     source: Path | None = None
-    layout_report: Any = None
+    view_order_report: Any = None
 
     def __post_init__(self) -> None:
-        """Check what every other function relies on."""
+        """Add the channel axis of grey views; check shapes, types and values."""
+        views = np.asarray(self.views)
+        if views.ndim == 4 and views.shape[-1] not in (1, 3):
+            views = views[..., np.newaxis]
+        object.__setattr__(self, "views", views)
         if self.views.ndim != 5 or self.views.shape[-1] not in (1, 3):
             raise InputError(
                 f"{self.name}: views must be [V, U, H, W, C] with C of 1 or 3, "
@@ -221,10 +226,10 @@ class LightField:
             )
 
     def _has_unit_values(self) -> bool:
-        """Whether the views' type and values are ones that :func:`to_unit_float` understands."""
+        """Return whether :func:`to_unit_float` can convert the views."""
         if not np.issubdtype(self.views.dtype, np.floating):
             return self.views.dtype in (np.uint8, np.uint16)
-        # A little beyond is left by resampling; NaN fails both comparisons.
+        # Resampling may leave values slightly outside [0, 1]. NaN fails both comparisons.
         return bool(self.views.min() >= -0.01 and self.views.max() <= 1.01)
 
     @property
@@ -243,18 +248,19 @@ class LightField:
         return self.views[centre_index(self.grid)]
 
     def floating(self) -> np.ndarray:
-        """``[V, U, H, W, C]`` float32 views in [0, 1]."""
+        """Return the views as ``[V, U, H, W, C]`` float32 in [0, 1]."""
         return to_unit_float(self.views)
 
     def grey(self) -> np.ndarray:
-        """``[V, U, H, W]`` float32 grey views in [0, 1]: 0.299 R + 0.587 G + 0.114 B."""
+        """Return ``[V, U, H, W]`` float32 grey views in [0, 1]: 0.299 R + 0.587 G + 0.114 B."""
         grey = np.empty(self.views.shape[:-1], np.float32)
-        for v, u in np.ndindex(*self.grid):  # view by view: the float colour copy is never whole
+        # One view at a time: a float copy of all colour views would be large.
+        for v, u in np.ndindex(*self.grid):
             grey[v, u] = to_grey(self.views[v, u])
         return grey
 
     def central(self, rows: int, columns: int) -> LightField:
-        """The ``rows`` x ``columns`` views around the centre view, which stays the centre view.
+        """Return the ``rows`` x ``columns`` views around the centre view, which stays the centre.
 
         Raises:
             InputError: If the grid is smaller than that.
@@ -266,19 +272,19 @@ class LightField:
         inner = np.s_[top : top + rows, left : left + columns]
         positions = None if self.positions is None else self.positions[inner]
         return dataclasses.replace(
-            self, views=self.views[inner], positions=positions, layout_report=None
+            self, views=self.views[inner], positions=positions, view_order_report=None
         )
 
 
 def to_unit_float(images: np.ndarray) -> np.ndarray:
-    """Images as float32 in [0, 1]: integers are divided by their type's maximum."""
+    """Return images as float32 in [0, 1]: integers are divided by the maximum of their type."""
     if np.issubdtype(images.dtype, np.integer):
         return images.astype(np.float32) / np.float32(np.iinfo(images.dtype).max)
     return images.astype(np.float32, copy=False)
 
 
 def to_grey(images: np.ndarray) -> np.ndarray:
-    """``[..., C]`` images as ``[...]`` float32 grey in [0, 1]: 0.299 R + 0.587 G + 0.114 B."""
+    """Return ``[...]`` float32 grey images in [0, 1] from images ``[..., C]``; see GREY_WEIGHTS."""
     if images.shape[-1] == 1:
         return to_unit_float(images[..., 0])
     return to_unit_float(images) @ np.asarray(GREY_WEIGHTS, np.float32)

@@ -17,11 +17,11 @@ Selection = Arrangement | tuple[int, int]
 """An arrangement, or ``(V, U)``: that many rows and columns of views around the centre view."""
 
 
-def select_view_indices(places: np.ndarray, selection: Selection) -> np.ndarray:
+def select_view_indices(offsets: np.ndarray, selection: Selection) -> np.ndarray:
     """Return the indices of the selected views in a list of views.
 
     Args:
-        places: ``[n, 2]`` whole offsets ``(row, column)`` of the views from the centre view.
+        offsets: ``[n, 2]`` integer offsets ``(row, column)`` of the views from the centre view.
         selection: The views to take.
 
     Returns:
@@ -33,14 +33,14 @@ def select_view_indices(places: np.ndarray, selection: Selection) -> np.ndarray:
             number of views with offset (0, 0) is not one.
 
     Example:
-        >>> places = np.array([[0, -2], [0, -1], [0, 0], [0, 1]])
-        >>> select_view_indices(places, "star").tolist()
+        >>> offsets = np.array([[0, -2], [0, -1], [0, 0], [0, 1]])
+        >>> select_view_indices(offsets, "star").tolist()
         [0, 1, 2, 3]
     """
     check_selection(selection)
-    row, column = places.T
+    row, column = offsets.T
     if selection == "all":
-        selected = np.ones(len(places), bool)
+        selected = np.ones(len(offsets), bool)
     elif isinstance(selection, str):
         selected = (row == 0) | (column == 0)
         if selection != "cross":
@@ -50,8 +50,8 @@ def select_view_indices(places: np.ndarray, selection: Selection) -> np.ndarray:
     else:
         first = -(np.array(selection) // 2)
         last = first + np.array(selection) - 1
-        selected = np.all((places >= first) & (places <= last), axis=-1)
-        present = len(np.unique(places[selected], axis=0))
+        selected = np.all((offsets >= first) & (offsets <= last), axis=-1)
+        present = len(np.unique(offsets[selected], axis=0))
         if present < np.prod(selection):
             raise InputError(
                 f"has {present} of the {selection[0]}x{selection[1]} views around the centre; "
@@ -70,9 +70,9 @@ def select_view_indices(places: np.ndarray, selection: Selection) -> np.ndarray:
 def select_from_grid(offsets: np.ndarray, selection: Selection) -> tuple[np.ndarray, np.ndarray]:
     """Return the array indices of the selected views of an array ``[v, u, ...]``.
 
-    Views of a grid with several rows and columns are selected by their place in the array, so that
-    irregular camera positions do not matter. A single row of views can be a list of any views; they
-    are selected by their offsets, rounded to whole steps.
+    Views of a grid with several rows and columns are selected by their index in the array, so that
+    irregular camera positions have no effect. A single row of views can be a list of any views;
+    they are selected by their offsets, rounded to whole steps.
 
     Args:
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view.
@@ -95,8 +95,8 @@ def select_from_grid(offsets: np.ndarray, selection: Selection) -> tuple[np.ndar
     is_grid = min(grid) > 1
     index = np.arange(v * u).reshape(grid)
     if selection != "all":
-        places = view_offsets(v, u) if is_grid else np.rint(offsets)
-        index = select_view_indices(places.reshape(-1, 2), selection)[None]
+        view_steps = view_offsets(v, u) if is_grid else np.rint(offsets)
+        index = select_view_indices(view_steps.reshape(-1, 2), selection)[None]
         if is_grid and not isinstance(selection, str):
             index = np.sort(index).reshape(selection)
     rows, columns = np.unravel_index(index, grid)

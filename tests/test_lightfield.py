@@ -1,3 +1,5 @@
+"""Light fields: grey, central grids, refused values and the depth formula."""
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from occjax.errors import InputError
 from occjax.lightfield import Calibration, LightField
 
 
-def test_grey_is_the_weighted_sum_of_the_colours():
+def test_grey_is_a_weighted_sum_of_the_colours():
     views = np.zeros((1, 1, 1, 3, 3), np.uint8)
     views[0, 0, 0] = np.diag([255, 255, 255])
     grey = LightField(views).grey()
@@ -15,7 +17,7 @@ def test_grey_is_the_weighted_sum_of_the_colours():
 
 @pytest.mark.parametrize(("dtype", "white"), [(np.uint8, 255), (np.uint16, 65535), (np.float32, 1)])
 @pytest.mark.parametrize("channels", [1, 3])
-def test_white_is_one_in_every_type(dtype, white, channels):
+def test_white_is_one_for_every_type(dtype, white, channels):
     light_field = LightField(np.full((1, 2, 3, 3, channels), white, dtype))
     np.testing.assert_allclose(light_field.grey(), 1.0, rtol=1e-6)
     assert light_field.floating().dtype == np.float32
@@ -41,10 +43,15 @@ def test_a_larger_central_grid_is_refused():
         LightField(np.zeros((3, 3, 2, 2, 1)), name="tiny").central(9, 9)
 
 
-@pytest.mark.parametrize("shape", [(3, 3, 4, 4), (3, 3, 4, 4, 2), (3, 3, 4, 4, 4)])
-def test_other_shapes_are_refused(shape):
+@pytest.mark.parametrize("shape", [(3, 4, 4, 3), (3, 3, 4, 4, 2), (3, 3, 4, 4, 4)])
+def test_views_of_another_shape_are_refused(shape):
     with pytest.raises(InputError, match="scene: views must be"):
         LightField(np.zeros(shape), name="scene")
+
+
+def test_grey_views_get_their_channel_axis():
+    views = np.random.default_rng(0).random((3, 3, 4, 5))
+    np.testing.assert_array_equal(LightField(views).views, views[..., np.newaxis])
 
 
 @pytest.mark.parametrize(
@@ -57,7 +64,7 @@ def test_other_shapes_are_refused(shape):
         np.zeros((0, 3, 4, 4, 1), np.uint8),
     ],
 )
-def test_values_of_another_kind_are_refused(views):
+def test_unsupported_types_and_values_are_refused(views):
     with pytest.raises(InputError, match=r"scene: views must be uint8, uint16 or finite"):
         LightField(views, name="scene")
 
@@ -71,7 +78,7 @@ def test_values_of_another_kind_are_refused(views):
         ({"disparity_range": (float("nan"), 1.0)}, "minimum < maximum"),
     ],
 )
-def test_what_is_known_of_the_views_must_make_sense(fields, message):
+def test_inconsistent_fields_are_refused(fields, message):
     with pytest.raises(InputError, match=message):
         LightField(np.zeros((3, 3, 4, 4, 1)), **fields)
 

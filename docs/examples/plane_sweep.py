@@ -13,7 +13,8 @@ from occjax.lightfield import centre_index
 
 def absolute_difference(views, weights):
     """Compute the mean absolute difference of the registered views to the centre view."""
-    return jnp.abs(views - views[centre_index(views.shape[:2])]).mean((0, 1, 4))
+    centre = views[centre_index(views.shape[:2])]
+    return jnp.abs(views - centre[None, None]).mean((0, 1, 4))
 
 
 @dataclass(frozen=True)

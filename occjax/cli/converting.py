@@ -104,7 +104,7 @@ def convert_command(
     $ occjax convert disparity.pfm disparity.npy
     $ occjax convert disparity.pfm disparity.png (16 bits, which store their scale)
     $ occjax convert disparity.png again.pfm
-    $ occjax convert disparity.pfm look.png --picture
+    $ occjax convert disparity.pfm picture.png --picture
 
     Depth, points and normals need the camera of an HCI scene, SCENE/parameters.cfg:
     $ occjax convert disparity.pfm depth.pfm --to depth --scene SCENE
@@ -140,19 +140,19 @@ def convert_command(
 def _check_target(
     source: Path, target: Path, to: Target | None, *, picture: bool, overwrite: bool
 ) -> None:
-    """Refuse a target that is wrong whatever the source contains."""
+    """Raise an error for a target that cannot be written, whatever the source contains."""
     suffix = target.suffix.lower()
     known = sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes})
     if suffix not in known:
-        raise InputError(f"{target}: unknown format; let the name end in {', '.join(known)}")
+        raise InputError(f"{target}: unknown format; use one of the suffixes {', '.join(known)}")
     if to is not None and suffix not in SUFFIXES[to]:
         raise InputError(
-            f"{target}: {to} cannot be written as {suffix}; end the name in "
+            f"{target}: {to} cannot be written as {suffix}; use the suffix "
             f"{' or '.join(SUFFIXES[to])}"
             + (", or leave out --to for points" if suffix == ".ply" else "")
         )
     if picture and suffix != ".png":
-        raise InputError(f"{target}: a picture is a .png; end the name so or leave out --picture")
+        raise InputError(f"{target}: a picture is a .png; change the suffix or leave out --picture")
     with reading(target):
         exists, is_folder = target.exists(), target.is_dir()
         is_source = exists and source.exists() and target.samefile(source)
@@ -165,7 +165,7 @@ def _check_target(
 
 
 def _check_quantity(target: Path, to: Target | None, quantity: Target, *, picture: bool) -> None:
-    """Refuse a target whose name contradicts its content."""
+    """Raise an error for a target whose name contradicts its content."""
     if picture and quantity == "normals":
         raise InputError(f"{target}: normals are always in colours; leave out --picture")
     named = [suggested for word, suggested in NAMES.items() if word in target.stem.lower()]
@@ -179,7 +179,7 @@ def _check_quantity(target: Path, to: Target | None, quantity: Target, *, pictur
 def _read_camera(
     source: Path, content: Map, quantity: Target, scene: Path | None, parameters: Path | None
 ) -> Calibration | None:
-    """Read the camera that was named, that of the scene, or the one next to the map."""
+    """Read the camera from the given file, the scene, or the folder of the map."""
     if quantity == content.quantity:
         if parameters is None and scene is None:
             return None
@@ -192,7 +192,7 @@ def _read_camera(
     path = parameters or next((place for place in places if place.is_file()), None)
     if path is None:
         if (content.quantity, quantity) == ("disparity", "points"):
-            return None  # the points become a relief in pixels
+            return None  # the points are then in pixels
         missing = "none is next to the map" if scene is None else f"{scene} has none"
         raise InputError(
             f"{source}: converting {content.quantity} to {quantity} needs the camera; pass "
@@ -206,7 +206,7 @@ def _read_camera(
         expected, found = ("x".join(map(str, shape)) for shape in (config.image_size, size))
         warnings.warn(
             f"{path}: is for views of {expected} pixels (rows x columns), but the map has {found}; "
-            "the map is taken as the whole view at another resolution, not as a part of it",
+            "the map is treated as a resized view, not as a crop",
             stacklevel=2,
         )
     return config.calibration
@@ -235,7 +235,7 @@ def _write_points(
         lines.append(f"note: {missing} pixels without a point in space are left out")
     if camera is None:
         lines.append(
-            "note: without a camera (--parameters or --scene) they are a relief in pixels, whose "
+            "note: without a camera (--parameters or --scene) the points are in pixels, and their "
             "depth has no true scale"
         )
     return "\n  ".join(lines)

@@ -63,7 +63,7 @@ def estimate_command(
         option("Disparities to search, in pixels per view step.", "MIN MAX"),
     ] = None,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
-    stored: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
+    view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Estimate disparity maps and write them, with pictures, to one folder per scene."""
     if not scenes:
@@ -77,7 +77,7 @@ def estimate_command(
         report_phase = _phase_reporter(progress, names[scene])
         try:
             report_phase("reading")
-            light_field, seconds, warned = _timed_load(stored, scene)
+            light_field, seconds, warned = _timed_load(view_order, scene)
             estimate = run_estimator(
                 estimator,
                 light_field,
@@ -131,12 +131,12 @@ def demo_command(
     return 0
 
 
-def _timed_load(stored: ViewOrderOptions, scene: Path) -> tuple[LightField, float, list[str]]:
+def _timed_load(view_order: ViewOrderOptions, scene: Path) -> tuple[LightField, float, list[str]]:
     """Read a light field; return it with the seconds it took and the reader's warnings."""
     begin = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        light_field = stored.load(scene)
+        light_field = view_order.load(scene)
     for warning in caught:
         show_warning(warning.message, warning.category, warning.filename, warning.lineno)
     return light_field, time.perf_counter() - begin, [str(warning.message) for warning in caught]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
 import occjax
+from occjax.errors import InputError
 
 
 class Command(NamedTuple):
@@ -69,6 +71,12 @@ def _run(arguments: list[str]) -> int:
     name = arguments[0] if arguments else ""
     if name in COMMANDS:
         return tyro.cli(_function(name, arguments[1:]), prog=f"occjax {name}", args=arguments[1:])
+    if name and not name.startswith("-"):
+        similar = difflib.get_close_matches(name, COMMANDS, n=1)
+        hint = f"the commands are {', '.join(COMMANDS)}"
+        if similar:
+            hint = f"did you mean {similar[0]}"
+        raise InputError(f"{name} is not a command; {hint}")
     app = tyro.extras.SubcommandApp()
     for command, (_, _, summary) in COMMANDS.items():
         app.command(name=command)(_described(summary))

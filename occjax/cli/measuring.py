@@ -19,7 +19,7 @@ from occjax.evaluation import (
     evaluate_scene,
     is_scene,
 )
-from occjax.layout import LayoutReport, Orientation, check, declared_orientation
+from occjax.layout import Orientation, ViewOrderReport, check, declared_orientation
 
 
 def evaluate_command(
@@ -93,19 +93,21 @@ def check_command(
     path: Positional[
         Annotated[Path, arg(help="Folder of views, image of all views, or array file.")]
     ],
-    stored: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
+    view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
-    """Measure the layout of the grid of views and the disparity range of the scene."""
-    light_field = stored.load(path, check_orientation=False)
+    """Measure the view order and the disparity range of the scene."""
+    light_field = view_order.load(path, check_orientation=False)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
-    print(_layout_report(check(light_field), declared_orientation(stored.order, stored.flip)))
+    print(
+        _format_report(check(light_field), declared_orientation(view_order.order, view_order.flip))
+    )
     return 0
 
 
-def _layout_report(report: LayoutReport, declared: Orientation) -> str:
-    """Format the consistency of the eight layouts, the correct layout and the disparity range."""
+def _format_report(report: ViewOrderReport, declared: Orientation) -> str:
+    """Format the consistency of the eight view orders, the best one and the disparity range."""
     lines = ["", "  mean grey difference from the centre view at the best disparity of each pixel:"]
     for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
         lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
@@ -113,15 +115,15 @@ def _layout_report(report: LayoutReport, declared: Orientation) -> str:
     correct = declared.then(report.best)
     if report.clearly_worse:
         flip = f" --flip {correct.flip}" if correct.flip else ""
-        lines.append(f"layout: {report.best.name}; pass --order {correct.order}{flip}")
+        lines.append(f"view order: {report.best.name}; pass --order {correct.order}{flip}")
     elif report.conclusive:
-        lines.append("layout: as declared")
+        lines.append("view order: as declared")
     elif report.plausible:
-        lines.append("layout: unknown, the views have too little texture or disparity")
+        lines.append("view order: unknown, the views have too little texture or disparity")
     else:
         lines.append(
-            "layout: unknown, no layout is clearly more consistent than the others; check the "
-            "grid and the layout"
+            "view order: unknown, none is clearly more consistent than the others; check the "
+            "grid and the file layout"
         )
     if report.nearer_in_front is not None:
         fraction = f"{report.nearer_in_front:.0%}"

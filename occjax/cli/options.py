@@ -19,20 +19,27 @@ def option(help: str, metavar: str, *aliases: str) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class ViewOrderOptions:
-    """How the files store the views; what is not given is detected."""
+    """How the files store the views; layout and grid are detected if they are not given."""
 
     layout: Annotated[
         str | None, option(f"How the views are stored: {', '.join(get_args(Layout))}.", "LAYOUT")
     ] = None
     pattern: Annotated[
-        str | None, option("File names of the views, with {v} and {u} or {i}.", "PATTERN")
+        str | None,
+        option("File names of the views, with {v} and {u} or {i}; * is any text.", "PATTERN"),
     ] = None
     grid: Annotated[
         tuple[int, int] | None, option("Number of view rows and columns, as stored.", "V U")
     ] = None
-    key: Annotated[str | None, option("Name of the views in an .npz file.", "NAME")] = None
+    key: Annotated[
+        str | None, option("Name of the views in an .npz, HDF5 or .mat file.", "NAME")
+    ] = None
     order: Annotated[
-        Literal["vu", "uv"], arg(help="vu if the files count rows first, uv if columns.")
+        Literal["vu", "uv", "serpentine"],
+        arg(
+            help="vu if the files count rows first, uv if columns, serpentine if rows first and "
+            "every second row backwards."
+        ),
     ] = "vu"
     flip: Annotated[
         str,

@@ -1,8 +1,8 @@
-"""Random variation of training light fields that keeps them consistent with their ground truth.
+"""Random augmentation of training light fields together with their ground truth.
 
-Each function takes a random key and one sample (no batch axis); :func:`augment` composes them as an
-:class:`AugmentationConfig` says. Every parameter is drawn once per light field, because all views
-show the same scene; only noise differs in every pixel of every view.
+Each function takes a random key and one sample (no batch axis). :func:`augment` applies all of them
+with the settings of an :class:`AugmentationConfig`. Every parameter is drawn once per light field,
+because all views show the same scene; only noise differs in every pixel of every view.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from occjax.errors import InputError
 
 @dataclass(frozen=True)
 class AugmentationConfig:
-    """How training light fields are varied.
+    """Settings of the augmentation of training light fields.
 
     Attributes:
-        crop: ``(height, width)`` of the patch that is cut out at a random place; None keeps whole
-            views.
+        crop: ``(height, width)`` of the patch that is cut out at a random position; None keeps
+            whole views.
         flips: Whether rows and columns are each reversed with probability 1/2.
-        turns: Whether rows and columns are exchanged with probability 1/2 (square patches only).
+        turns: Whether patches are transposed with probability 1/2 (square patches only).
             With flips, all eight symmetries of a square are equally likely.
-        gamma: Largest exponent of the brightness; drawn from ``[1 / gamma, gamma]``, uniformly in
-            the logarithm.
-        contrast: Largest contrast factor about mid-grey; drawn from ``[1 / contrast, contrast]``,
-            uniformly in the logarithm.
+        gamma: Largest exponent of the brightness; drawn log-uniformly from
+            ``[1 / gamma, gamma]``.
+        contrast: Largest contrast factor about mid-grey; drawn log-uniformly from
+            ``[1 / contrast, contrast]``.
         brightness: Largest grey value that is added or subtracted, in [0, 1].
         noise: Largest standard deviation of Gaussian noise, as a grey value; drawn uniformly from
             0 to this.
@@ -72,19 +72,19 @@ class AugmentationConfig:
 def augment(
     key: Key[Array, ""], sample: LightFieldSample, config: AugmentationConfig
 ) -> LightFieldSample:
-    """Vary one sample: crop, then symmetry, tone and noise.
+    """Augment one sample: crop, then symmetry, tone and noise.
 
     Args:
         key: Random key.
         sample: One sample (no batch axis).
-        config: The kinds and amounts of variation.
+        config: Settings of the augmentation.
 
     Returns:
-        A sample as consistent with its ground truth as the given one, of ``config.crop`` pixels.
+        The augmented sample of ``config.crop`` pixels, with its transformed ground truth.
 
     Raises:
-        InputError: If the views are smaller than the crop, or if patches that are not square are to
-            be turned.
+        InputError: If the views are smaller than the crop, or if patches that are not square would
+            be transposed.
 
     Example:
         >>> from occjax.data.samples import numpy_sample, to_device
@@ -105,7 +105,7 @@ def augment(
 def augment_batch(
     keys: Key[Array, " b"], batch: LightFieldSample, config: AugmentationConfig
 ) -> LightFieldSample:
-    """Vary each sample of a batch, see :func:`augment`.
+    """Augment each sample of a batch, see :func:`augment`.
 
     On a CPU the samples are processed one after the other, so that a change that is not drawn is
     not computed. Elsewhere the function is vmapped, which gives the same result.
@@ -113,10 +113,10 @@ def augment_batch(
     Args:
         keys: ``[b]`` random keys, one for each sample.
         batch: Samples with a leading axis.
-        config: The kinds and amounts of variation.
+        config: Settings of the augmentation.
 
     Returns:
-        The varied batch.
+        The augmented batch.
     """
     augment_one = partial(augment, config=config)
     return jax.lax.platform_dependent(
@@ -130,7 +130,7 @@ def augment_batch(
 def random_crop(
     key: Key[Array, ""], sample: LightFieldSample, size: tuple[int, int]
 ) -> LightFieldSample:
-    """Cut a patch out of a sample at a random place.
+    """Cut a patch out of a sample at a random position.
 
     Args:
         key: Random key.
@@ -156,19 +156,19 @@ def random_symmetry(
         key: Random key.
         sample: One sample (no batch axis).
         flips: Whether rows and columns are each reversed with probability 1/2.
-        turns: Whether rows and columns are exchanged with probability 1/2; patches must be square.
+        turns: Whether patches are transposed with probability 1/2; they must be square.
 
     Returns:
         The sample, or one of its mirror images and rotations.
 
     Raises:
-        InputError: If a patch that is not square is to be turned.
+        InputError: If a patch that is not square would be transposed.
     """
     height, width = sample.disparity.shape
     if turns and height != width:
         raise InputError(
-            f"patches of {height}x{width} pixels cannot be turned; pass a square crop or set turns "
-            "to False"
+            f"patches of {height}x{width} pixels cannot be transposed; pass a square crop or set "
+            "turns to False"
         )
     drawn = jax.random.bernoulli(key, shape=(3,))
     for symmetry, happens in zip(get_args(Symmetry), drawn, strict=True):

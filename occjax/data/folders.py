@@ -37,7 +37,7 @@ def folder_source(
         scenes: Scenes from :func:`occjax.data.scenes.load_scenes`, all with the same views.
         batch_size: Patches per step.
         seed: Seed of places, grey weights and augmentation; 0 to 2^32 - 1.
-        augmentation: Size of the patches and their variation; None gives whole views, unchanged.
+        augmentation: Size and random augmentation of the patches; None returns whole views.
         threads: Number of threads that cut patches ahead; 0 cuts them when they are needed.
 
     Returns:
@@ -58,7 +58,7 @@ def folder_source(
 def published_source(
     scenes: Sequence[Scene], batch_size: int, seed: int, *, threads: int = 2
 ) -> Source:
-    """Return a source of patches as the published network was trained on.
+    """Return a source of patches with the augmentation of the published network.
 
     See :func:`occjax.data.published_augmentation.published_sample`.
 
@@ -87,7 +87,7 @@ def _grain_batches(
     seed: int,
     threads: int,
 ) -> Callable[[int], LightFieldSample]:
-    """Return a function from the step to its batch of samples that ``draw`` draws with NumPy.
+    """Return a function from the step to its batch of samples from ``draw``.
 
     Threads prepare consecutive steps ahead, two batches each. Any other step can be requested;
     preparation then continues from there.

@@ -3,7 +3,7 @@
 On a CPU, rendering a light field takes about as long as a training step with it. A pool is a folder
 with one file per light field (views in 8 bits, visibility in single bits) and ``pool.json``, which
 describes the scenes and the seed. Light field ``i`` is ``generate(fold_in(key(seed), i))``, so that
-rendering can be interrupted and resumed, a pool can be enlarged, and any file can be made again.
+rendering can be interrupted and resumed, a pool can be enlarged, and a file can be replaced.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def render_pool(
 
     Args:
         folder: The pool; created if it does not exist.
-        count: Smallest number of light fields that the pool has afterwards.
+        count: Number of light fields that the pool has afterwards, at least.
         config: The distribution of scenes.
         seed: Seed of the light fields.
         progress: Whether to show a progress bar.
 
     Raises:
-        InputError: If the folder holds something else or a pool of other settings, or if it cannot
+        InputError: If the folder contains other files or a pool of other settings, or if it cannot
             be written.
 
     Example:
@@ -94,7 +94,7 @@ def pool_source(
         folder: The pool.
         batch_size: Light fields per step.
         seed: Seed of the order and of the augmentation.
-        augmentation: How light fields are varied; None leaves them unchanged.
+        augmentation: Random augmentation; None leaves the light fields unchanged.
         views: The views to take.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Training patches drawn and varied as for the published network.
+"""Training patches with the augmentation of the published network.
 
 The recipe is that of the published OccCasNet code (Chao et al., 2023), for scenes of the HCI 4D
 benchmark. It runs in NumPy: patches are small, and redrawing a patch until it is accepted does not
@@ -37,7 +37,7 @@ MAX_ATTEMPTS = 10_000
 
 
 def published_sample(generator: np.random.Generator, scenes: Sequence[Scene]) -> LightFieldSample:
-    """Draw a patch of one of the scenes and vary its gamma, orientation and noise.
+    """Draw a patch of one of the scenes and change its gamma, symmetry and noise at random.
 
     Args:
         generator: Source of randomness.

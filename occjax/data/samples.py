@@ -54,7 +54,7 @@ def numpy_sample(
     Returns:
         The sample.
     """
-    # The fields are annotated as JAX arrays; Any lets the host's samples hold NumPy arrays.
+    # The fields are annotated as JAX arrays; Any permits NumPy arrays.
     fields: dict[str, Any] = {
         "views": views,
         "offsets": offsets,
@@ -113,9 +113,9 @@ def select_views(sample: LightFieldSample, selection: Selection) -> LightFieldSa
     """
     if selection == "all":
         return sample
-    places = select_from_grid(np.asarray(sample.offsets), selection)
+    indices = select_from_grid(np.asarray(sample.offsets), selection)
     return sample._replace(
-        views=sample.views[places],
-        offsets=sample.offsets[places],
-        visibility=sample.visibility[places],
+        views=sample.views[indices],
+        offsets=sample.offsets[indices],
+        visibility=sample.visibility[indices],
     )

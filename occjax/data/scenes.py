@@ -104,7 +104,7 @@ def _read_scene(folder: Path, views: Selection) -> Scene:
     truth = light_field.ground_truth
     if truth is None:
         raise InputError(
-            f"{folder}: {GROUND_TRUTH} was not read; name the views as the HCI benchmark does"
+            f"{folder}: {GROUND_TRUTH} was not read; name the view files as in the HCI benchmark"
         )
     valid = np.isfinite(truth)
     masked = (folder / MASK).is_file()
@@ -117,14 +117,14 @@ def _read_scene(folder: Path, views: Selection) -> Scene:
         valid &= ~mask
     positions = light_field.positions
     offsets = view_offsets(*light_field.grid) if positions is None else positions
-    places = select_from_grid(offsets, views)
-    images = light_field.views[places]
+    indices = select_from_grid(offsets, views)
+    images = light_field.views[indices]
     if images.dtype != np.uint8:
         images = np.rint(255.0 * np.clip(to_unit_float(images), 0.0, 1.0)).astype(np.uint8)
     return Scene(
         name=light_field.name,
         views=images,
-        offsets=offsets[places].astype(np.float32),
+        offsets=offsets[indices].astype(np.float32),
         disparity=np.where(valid, truth, 0.0).astype(np.float32),
         valid=valid,
         masked=masked,

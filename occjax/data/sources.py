@@ -42,7 +42,7 @@ def procedural_source(
         config: The distribution of scenes.
         batch_size: Light fields per step.
         seed: Seed of the light fields and of the augmentation.
-        augmentation: How they are varied further; None leaves them unchanged.
+        augmentation: Random augmentation of the light fields; None leaves them unchanged.
 
     Returns:
         The source.
@@ -70,17 +70,17 @@ def kept_source(
 ) -> Source:
     """Return a source that renders light fields once, keeps them on the device and draws from them.
 
-    For GPUs, where rendering a light field takes about as long as a training step with it. Views
-    are kept in 8 bits: 16,000 light fields of 9x9 views and 64x64 pixels take 11 GB with their
-    visibility. Light field ``i`` is that of :func:`procedural_source`; each step draws its light
-    fields at random.
+    This is for GPUs, on which rendering a light field takes about as long as a training step with
+    it. Views are kept in 8 bits: 16,000 light fields of 9x9 views and 64x64 pixels take 11 GB with
+    their visibility. Light field ``i`` is that of :func:`procedural_source`; each step draws its
+    light fields at random.
 
     Args:
         config: The distribution of scenes.
         count: Number of light fields to keep.
         batch_size: Light fields per step.
         seed: Seed of the light fields, of their order and of the augmentation.
-        augmentation: How they are varied further; None leaves them unchanged.
+        augmentation: Random augmentation of the light fields; None leaves them unchanged.
 
     Returns:
         The source.
@@ -90,7 +90,7 @@ def kept_source(
             too little memory.
     """
     if count < 1:
-        raise InputError(f"light fields to keep: {count}; there must be at least 1")
+        raise InputError(f"{count} light fields to keep; there must be at least 1")
     rendered = procedural_source(config, batch_size, seed)
 
     @lru_cache(maxsize=1)
@@ -175,7 +175,7 @@ def mixture(parts: Mapping[Source, float]) -> Source:
 def shares(weights: Sequence[float], total: int) -> list[int]:
     """Return how many of the first ``total`` samples of a mixture come from each source.
 
-    Each source gets its rounded part of what the sources before it leave. The numbers add up to the
+    Each source in turn gets its rounded share of the samples that remain. The numbers add up to the
     total, none decreases when the total grows, and any total can be computed on its own.
 
     Args:
@@ -201,11 +201,11 @@ def shares(weights: Sequence[float], total: int) -> list[int]:
 def augment_for_step(
     batch: LightFieldSample, augmentation: AugmentationConfig | None, seed: int, step: int
 ) -> LightFieldSample:
-    """Vary a batch with the random keys of a source's step.
+    """Augment a batch with the random keys of a step.
 
     Args:
         batch: The samples.
-        augmentation: How they are varied; None leaves them unchanged.
+        augmentation: Random augmentation; None leaves the batch unchanged.
         seed: Seed of the source.
         step: Number of the step.
 

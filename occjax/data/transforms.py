@@ -1,8 +1,8 @@
-"""Changes of a light field that keep it consistent with its ground truth: symmetries and crops.
+"""Flips, rotations and crops of a light field together with its ground truth.
 
-Views, offsets, disparity, visibility and valid pixels are changed together: the changed views,
-warped by the changed disparity, agree wherever the changed visibility is true. Flipping or turning
-the images alone would move the views in the wrong direction.
+Views, offsets, disparity, visibility and valid pixels are transformed together, so that the
+transformed disparity warps the transformed views onto the centre view. Flipping or rotating the
+images alone would reverse or exchange the directions of the view offsets.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ def turn_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1
 
     Args:
         images: NumPy or JAX array of at least two axes.
-        symmetry: The change.
+        symmetry: The transform.
         axes: The axes of rows and columns, by default the last two.
 
     Returns:
-        The changed array.
+        The transformed array.
 
     Example:
         >>> turn_images(np.array([[1, 2], [3, 4]]), "flip_rows").tolist()
@@ -46,14 +46,14 @@ def turn_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1
 
 
 def turn_offsets(offsets: Any, symmetry: Symmetry) -> Any:
-    """Return the offsets that positions have after a flip or transposition.
+    """Flip or transpose view offsets.
 
     Args:
         offsets: ``[..., 2]`` NumPy or JAX array of offsets ``(row, column)``.
-        symmetry: The change.
+        symmetry: The transform.
 
     Returns:
-        ``[..., 2]`` changed offsets.
+        ``[..., 2]`` transformed offsets.
 
     Example:
         >>> turn_offsets(np.array([1, 2]), "flip_rows").tolist()
@@ -75,10 +75,10 @@ def turn_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightFieldSampl
 
     Args:
         sample: One sample (no batch axis) of NumPy or JAX arrays.
-        symmetry: The change.
+        symmetry: The transform.
 
     Returns:
-        The changed sample, of the same kind of arrays.
+        The transformed sample, of the same kind of arrays.
 
     Example:
         >>> from occjax.data.samples import numpy_sample

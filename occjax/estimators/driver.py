@@ -1,4 +1,4 @@
-"""From a light field to an estimate: prepare, compile once per shape, run, finish."""
+"""Run an estimator on a light field: prepare, compile once per shape, run, finish."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 import platformdirs
 from jax.experimental.compilation_cache import compilation_cache
+from numpy.typing import ArrayLike
 
+from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
 from occjax.lightfield import LightField
@@ -30,7 +32,7 @@ ReportPhase = Callable[[str], None]
 
 
 def estimate(
-    light_field: LightField,
+    light_field: LightField | ArrayLike,
     *,
     model: str | Estimator | None = None,
     weights: str | Path | None = None,
@@ -45,7 +47,8 @@ def estimate(
     :func:`make_estimator` and call :func:`run_estimator`, which reads the weights only once.
 
     Args:
-        light_field: Light field, see :func:`occjax.load`.
+        light_field: Light field, see :func:`occjax.load`, or its views ``[V, U, H, W, C]``, see
+            :class:`LightField`.
         model: Name of a model, see :func:`make_estimator`, or any :class:`Estimator`.
         weights: Weights, see :func:`make_estimator`.
         warp: Warp, see :func:`make_estimator`.
@@ -58,7 +61,8 @@ def estimate(
         The estimate, as NumPy arrays.
 
     Raises:
-        InputError: If model, weights, range and light field do not fit together.
+        InputError: If model, weights, range and light field do not fit together, or if the light
+            field is a path.
 
     Example:
         >>> from occjax.data.bundled_sample import sample
@@ -66,6 +70,10 @@ def estimate(
         >>> result.disparity.shape == sample().image_size
         True
     """
+    if isinstance(light_field, str | Path):
+        raise InputError(f"{light_field} is a path; pass occjax.load({str(light_field)!r})")
+    if not isinstance(light_field, LightField):
+        light_field = LightField(np.asarray(light_field))
     if model is None or isinstance(model, str):
         model = make_estimator(model, weights=weights, warp=warp, precision=precision)
     return run_estimator(model, light_field, disparity_range=disparity_range, occlusion=occlusion)
@@ -130,7 +138,7 @@ def run_estimator(
 
 
 def estimate_occlusion(light_field: LightField, disparity: np.ndarray) -> np.ndarray:
-    """Compute the occlusion map of every view from a disparity map (eqs. 4 and 5).
+    """Compute the occlusion map of every view from a disparity map (OccCasNet, eqs. 4 and 5).
 
     Args:
         light_field: Light field.
@@ -224,7 +232,7 @@ def _occlusion_maps(views, disparity, offsets):
 def _release_memory() -> None:
     """Return the memory that the compiler has freed, about 0.5 GB, to the system.
 
-    The C library of most Linux systems keeps it unless told otherwise.
+    The C library of most Linux systems keeps it unless ``malloc_trim`` is called.
     """
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

@@ -74,7 +74,8 @@ def _weights_path(model: str | None, weights: str | Path | None) -> Path:
         if model in (None, bundled.name):
             bundled.verify()
             return bundled.path
-    raise InputError(
-        f"the model {model} needs weights; pass a file (--weights FILE), or download the published "
-        "weights of occcasnet with 'occjax weights fetch'"
-    )
+    if model == "occcasnet":
+        source = "download the published weights with 'occjax weights fetch'"
+    else:
+        source = f"train it with 'occjax train RUN --network-preset {model}'"
+    raise InputError(f"the model {model} needs weights; pass a file (--weights FILE), or {source}")

@@ -47,7 +47,7 @@ class OccCasNetEstimator:
     def prepare(
         self, light_field: LightField, disparity_range: DisparityRange | None
     ) -> ModelInputs:
-        """Crop the grid, convert the views to grey and move the candidates over the range.
+        """Crop the grid, convert the views to grey and shift the candidates to the range.
 
         Raises:
             InputError: If the light field has too few views, the requested range is wider than that
@@ -57,18 +57,18 @@ class OccCasNetEstimator:
         if light_field.positions is not None:
             notes.append("the irregular camera positions are ignored: the network assumes a grid")
         candidates = np.asarray(self.config.stages[0].candidates, np.float32)
-        wide = light_field.disparity_range
+        search_range = light_field.disparity_range
         if disparity_range is not None:
-            wide, _ = choose_range(light_field, disparity_range)
+            search_range, _ = choose_range(light_field, disparity_range)
         low, high = float(candidates[0]), float(candidates[-1])
-        if wide is not None and not (low <= wide[0] and wide[1] <= high):
-            candidates = candidates + np.float32((sum(wide) - (low + high)) / 2)
+        if search_range is not None and not (low <= search_range[0] and search_range[1] <= high):
+            candidates = candidates + np.float32((sum(search_range) - (low + high)) / 2)
             low, high = float(candidates[0]), float(candidates[-1])
             notes.append(f"candidates moved to [{low:.2f}, {high:.2f}]")
-        if wide is not None and wide[1] - wide[0] > high - low + 1e-6:
+        if search_range is not None and search_range[1] - search_range[0] > high - low + 1e-6:
             message = (
                 f"the network covers {high - low:g} pixels of disparity, less than the range "
-                f"[{wide[0]:g}, {wide[1]:g}]"
+                f"[{search_range[0]:g}, {search_range[1]:g}]"
             )
             if disparity_range is not None:
                 raise InputError(f"{message}; use the model proposal, which takes any range")
@@ -98,16 +98,16 @@ class OccCasNetEstimator:
             ground_truth=ground_truth,
             dtype=jnp.dtype(self.precision),
         )
-        readings = [confidence(stage.probabilities, stage.candidates) for stage in stages]
+        spreads = [confidence(stage.probabilities, stage.candidates) for stage in stages]
         # A refined stage cannot know that the stage before missed the surface.
         certainty = [
-            reading.certainty(len(stage.candidates))
-            for reading, stage in zip(readings, stages, strict=True)
+            spread.certainty(len(stage.candidates))
+            for spread, stage in zip(spreads, stages, strict=True)
         ]
         return {
             "disparity": stages[-1].disparity,
             "confidence": jnp.stack(certainty).min(0),
-            "standard_deviation": readings[-1].standard_deviation,
+            "standard_deviation": spreads[-1].standard_deviation,
             "coarse": stages[0].disparity if len(stages) > 1 else None,
             "stages": tuple(stage.disparity for stage in stages),
             "occlusion": stages[-1].occlusion,

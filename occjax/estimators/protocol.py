@@ -42,7 +42,7 @@ class Estimate:
         confidence: ``[H, W]`` float32 in [0, 1]; 1 is certain. One minus the normalised entropy of
             the candidates' probabilities; for a cascade that of the least certain stage. A
             selection among proposals contributes the probability of all proposals close to the
-            selected one. Values of grids of different size cannot be compared.
+            selected one. Values for grids of different size cannot be compared.
         standard_deviation: ``[H, W]`` float32, standard deviation of the last stage's
             probabilities, pixels per view step.
         disparity_range: ``(minimum, maximum)`` that was searched.
@@ -50,8 +50,8 @@ class Estimate:
         weights: Name of the weights, if the estimator has any.
         coarse: ``[H, W]`` float32 disparity of the first stage, if there is more than one.
         stages: ``[H, W]`` float32 disparity after each stage; the last one is ``disparity``.
-        occlusion: ``[V, U, H, W]`` float32 occlusion maps in [0, 1] (eq. 5), 1 where a view does
-            not see the point; None unless requested or computed by the model.
+        occlusion: ``[V, U, H, W]`` float32 occlusion maps in [0, 1] (OccCasNet, eq. 5), 1 where a
+            view does not see the point; None unless requested or computed by the model.
         notes: Messages for the user, such as a cropped grid or the measured range.
         seconds: Wall-clock seconds of each phase, e.g. ``{"compile": 3.1, "run": 0.4}``.
     """

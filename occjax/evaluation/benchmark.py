@@ -243,8 +243,8 @@ class _Comparison:
         return missed_dots(self.estimate, self.truth, dots, border=self.border)
 
     def dots_background(self) -> float:
-        """Return the mean squared error behind dots; other scenes have a background as well."""
-        self.mask("dots_by_size")
+        """Return the mean squared error of the background of the scene dots."""
+        self.mask("dots_by_size")  # raises an error for other scenes with a background
         return self.score(mean_squared_error, "background")
 
 

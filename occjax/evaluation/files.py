@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.evaluation.metrics import BORDER, THRESHOLDS, Metrics, evaluate
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, BORDER, THRESHOLDS, Metrics, evaluate
 from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
 from occjax.io.maps import read_map
+
+MAX_DISPARITY_RATIO = 10.0
+"""Largest plausible disparity per view step, relative to the larger side of the map."""
+
+MAX_FLIPPED_ERROR_RATIO = 0.3
+"""Ratio of the median errors, flipped to unflipped, below which one map is upside down."""
 
 
 def evaluate_files(
@@ -36,6 +43,9 @@ def evaluate_files(
         InputError: If a file cannot be read as a disparity map, or the maps cannot be compared; the
             message names the files.
 
+    Warns:
+        UserWarning: If one of the maps is upside down.
+
     Example:
         >>> import tempfile
         >>> folder = Path(tempfile.mkdtemp())
@@ -48,10 +58,27 @@ def evaluate_files(
     if is_scene(ground_truth_path):
         ground_truth_path = Path(ground_truth_path) / GROUND_TRUTH
     ground_truth = read_disparity(ground_truth_path)
+    _warn_if_upside_down(f"{estimate_path} against {ground_truth_path}", estimate, ground_truth)
     try:
         return evaluate(estimate, ground_truth, thresholds=thresholds, border=border)
     except InputError as error:
         raise InputError(f"{estimate_path} against {ground_truth_path}: {error}") from None
+
+
+def _warn_if_upside_down(names: str, estimate: np.ndarray, ground_truth: np.ndarray) -> None:
+    """Warn if the maps agree much better with the rows of one of them reversed."""
+    if estimate.shape != ground_truth.shape:
+        return
+    readings = [np.abs(estimate - truth) for truth in (ground_truth, ground_truth[::-1])]
+    if not all(np.isfinite(errors).any() for errors in readings):
+        return
+    median, flipped = (float(np.median(e[np.isfinite(e)])) for e in readings)
+    if median > BAD_PIXEL_THRESHOLD and flipped < MAX_FLIPPED_ERROR_RATIO * median:
+        warnings.warn(
+            f"{names}: the maps agree better if the rows of one are reversed (median error "
+            f"{flipped:.3g} instead of {median:.3g}); one of them is upside down",
+            stacklevel=3,
+        )
 
 
 def read_disparity(path: Path | str) -> np.ndarray:
@@ -65,7 +92,7 @@ def read_disparity(path: Path | str) -> np.ndarray:
         ``[H, W]`` floating point, pixels per view step.
 
     Raises:
-        InputError: If the file does not contain one map of real numbers.
+        InputError: If the file does not contain one map of real numbers, or implausible ones.
 
     Example:
         >>> import tempfile
@@ -74,4 +101,12 @@ def read_disparity(path: Path | str) -> np.ndarray:
         >>> read_disparity(path).tolist()
         [[1.0, 2.0]]
     """
-    return read_map(path, quantity="disparity").values
+    values = read_map(path, quantity="disparity").values
+    largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    if largest > MAX_DISPARITY_RATIO * max(values.shape):
+        raise InputError(
+            f"{path}: disparities reach {largest:.4g} pixels per view step in a map of "
+            f"{values.shape[0]}x{values.shape[1]} pixels; the file may be byte-swapped or in "
+            "another unit"
+        )
+    return values

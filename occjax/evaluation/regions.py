@@ -19,7 +19,7 @@ from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, compared_pixels
 
 MAX_BUMPINESS = 0.05
-"""Upper limit of a pixel's bumpiness, pixels per view step; single outliers count no more."""
+"""Upper limit of a pixel's bumpiness, pixels per view step; it limits the effect of outliers."""
 
 FINE_THRESHOLD = 0.15
 """Error at fine structures, in pixels per view step, above which it is fattening or thinning."""
@@ -38,8 +38,8 @@ def bumpiness(
     """Compute the roughness of the error: the mean, limited Frobenius norm of its Hessian.
 
     ``mean(min(0.05, |Hessian(estimate - ground_truth)|))`` with second differences of neighbouring
-    pixels. An offset and a tilt of the whole surface cost nothing. The definition does not fix the
-    differences, so values are comparable only if the same program computed them.
+    pixels. An offset and a tilt of the whole surface have no effect. The definition does not fix
+    the differences, so values are comparable only if the same program computed them.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.

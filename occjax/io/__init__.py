@@ -3,7 +3,7 @@
 from occjax.io.arrays import read_arrays, write_arrays
 from occjax.io.atomic import atomic_folder, atomic_path
 from occjax.io.images import read_image
-from occjax.io.loading import Layout, LayoutWarning, load
+from occjax.io.loading import Layout, ViewOrderWarning, load
 from occjax.io.maps import Map, read_map, write_map, write_normals
 from occjax.io.mosaics import join_macpi, join_tiles, split_macpi, split_tiles
 from occjax.io.naming import GridWarning
@@ -12,8 +12,8 @@ from occjax.io.pfm import read_pfm, write_pfm
 __all__ = [
     "GridWarning",
     "Layout",
-    "LayoutWarning",
     "Map",
+    "ViewOrderWarning",
     "atomic_folder",
     "atomic_path",
     "join_macpi",

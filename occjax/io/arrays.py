@@ -9,6 +9,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
+from occjax.io.axes import axis_order, axis_roles
 from occjax.io.files import decoding
 from occjax.lightfield import LightField
 
@@ -25,7 +26,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
             ``views`` or as its only array. In addition to ``views`` it may contain
             ``ground_truth`` ``[H, W]`` and ``disparity_range`` ``[2]``, both in pixels per view
             step, and ``positions`` ``[V, U, 2]``, the ``(row, column)`` of each camera in view
-            steps. Upper and lower case of the names do not matter.
+            steps. The case of the names does not matter.
         key: Name of the views in an ``.npz``, if it is not ``views``. Arrays of unknown names are
             then ignored.
 
@@ -111,25 +112,25 @@ def check_views(path: Path, views: np.ndarray) -> np.ndarray:
     Raises:
         InputError: If the shape, type or values are not those of a light field.
     """
-    if views.ndim == 4 and views.shape[-1] > 4:  # four axes may also be [N, H, W, C]
-        views = views[..., None]
-    if views.ndim != 5 or views.shape[-1] not in (1, 2, 3, 4) or 0 in views.shape:
+    roles = axis_roles(views.shape)
+    if not roles:
         raise InputError(
-            f"{path}: views are {list(views.shape)}; reorder them to [V, U, H, W] or "
+            f"{path}: views have the shape {list(views.shape)}; reorder them to [V, U, H, W] or "
             "[V, U, H, W, C] with 1 or 3 channels"
         )
-    v, u, h, w = views.shape[:4]
-    if v > h and u > w:
+    if not roles[0].startswith("AASS"):
         raise InputError(
-            f"{path}: views are {list(views.shape)}, which looks like [H, W, V, U...]; "
-            "transpose it to [V, U, H, W...]"
+            f"{path}: views have the shape {list(views.shape)}, which looks like "
+            f"[{', '.join(axis_order(roles[0], reverse=False))}]; transpose it to [V, U, H, W...]"
         )
+    views = views if views.ndim == 5 else views[..., None]
     views = views[..., : 1 if views.shape[-1] < 3 else 3]
     if views.dtype in (np.uint8, np.uint16):
         return np.ascontiguousarray(views)
     if not np.issubdtype(views.dtype, np.floating):
         raise InputError(
-            f"{path}: views are {views.dtype}; save them as uint8, uint16 or float in [0, 1]"
+            f"{path}: views have the type {views.dtype}; save them as uint8, uint16 or float "
+            "in [0, 1]"
         )
     low, high = views.min(), views.max()
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -151,14 +152,22 @@ def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...])
         size: ``(H, W)`` of the views, in pixels.
 
     Raises:
-        InputError: If it does not consist of numbers or does not have the size of the views.
+        InputError: If it does not consist of numbers, does not have the size of the views, or has
+            disparities larger than them.
     """
     if disparity.shape != tuple(size) or not np.issubdtype(disparity.dtype, np.number):
         raise InputError(
             f"{path}: ground truth is {list(disparity.shape)} {disparity.dtype} but the views are "
             f"{list(size)}; put the right file there or remove it"
         )
-    return np.ascontiguousarray(disparity, np.float32)
+    disparity = np.ascontiguousarray(disparity, np.float32)
+    finite = np.abs(disparity[np.isfinite(disparity)])
+    if finite.size and finite.max() > max(size):
+        raise InputError(
+            f"{path}: ground truth reaches {finite.max():.4g} pixels per view step, more than the "
+            f"size of the views ({max(size)}); it may be depth, in another unit or byte-swapped"
+        )
+    return disparity
 
 
 def _check_range(path: Path, values: np.ndarray) -> tuple[float, float]:
@@ -172,7 +181,7 @@ def _check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) -
     """Return camera positions as ``[V, U, 2]`` float32."""
     if positions.shape != (*grid, 2):
         raise InputError(
-            f"{path}: positions are {list(positions.shape)}, not [V, U, 2]; "
+            f"{path}: positions have the shape {list(positions.shape)}, not [V, U, 2]; "
             "write one (row, column) for each view"
         )
     positions = positions.astype(np.float32)
@@ -187,7 +196,7 @@ def _load(path: Path) -> dict[str, np.ndarray]:
     remedy = "save the array or copy the file again"
     with decoding(path, "a NumPy file", remedy=remedy), path.open("rb") as file:
         if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
-            raise ValueError("it has another signature")
+            raise ValueError("it does not start with the signature of a NumPy file")
         file.seek(0)
         loaded = np.load(file, allow_pickle=False)
         return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)

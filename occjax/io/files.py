@@ -1,4 +1,4 @@
-"""Errors of reading files, turned into one-line messages."""
+"""Conversion of errors of reading files into one-line messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from occjax.errors import InputError
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Turn the operating system's refusals to read ``path`` into an :class:`InputError`.
+    """Turn errors of the operating system on reading ``path`` into an :class:`InputError`.
 
     Args:
         path: File or folder that the body opens.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -11,11 +13,13 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.arrays import check_ground_truth, check_views, read_npy
+from occjax.io.consistency import most_consistent
 from occjax.io.files import reading
 from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import HciConfig, read_hci_config
+from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
-from occjax.io.naming import FolderLayout, NamedViews, find_views
+from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views
 from occjax.io.pfm import read_pfm
 from occjax.lightfield import LightField, centre_index
 
@@ -51,6 +55,9 @@ def read_folder(
     Raises:
         InputError: If views are missing, unreadable or of different sizes, or another file of the
             layout is damaged.
+
+    Warns:
+        GridWarning: If the grid is guessed from the number of views or from the photo-consistency.
     """
     folder = Path(folder)
     config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
@@ -65,6 +72,19 @@ def read_folder(
     if layout == "stanford":
         named, positions = gantry_grid(str(folder), named)
     views = _read_views(folder, named, progress)
+    if named.other_grid and positions is None:
+        other = views.reshape(*named.other_grid, *views.shape[2:])
+        if most_consistent([views, other]) == 1:
+            views, named = other, named.regrouped(named.other_grid)
+    if grid is None and config is None and positions is None:
+        _refuse_frames(folder, named, views)
+    if named.guess is not None:
+        warnings.warn(
+            f"{folder}: {math.prod(named.grid)} views taken as {named.grid[0]}x{named.grid[1]}"
+            f"{named.guess}; pass grid (--grid V U) if that is wrong",
+            GridWarning,
+            stacklevel=2,
+        )
     if config and config.disparity_range:
         _check_range(folder, config.disparity_range, max(views.shape[2:4]))
     return LightField(
@@ -140,7 +160,21 @@ def _read_views(folder: Path, named: NamedViews, progress: Progress | None) -> n
                 progress(done, len(paths))
     finally:
         pool.shutdown(cancel_futures=True)
-    return check_views(folder, views)
+    return check_views(folder, tone_mapped(folder, views))
+
+
+def _refuse_frames(folder: Path, named: NamedViews, views: np.ndarray) -> None:
+    """Refuse several frames of a square of numbered cameras, which look like a grid by name."""
+    frames, cameras = named.grid
+    side, match = math.isqrt(cameras), named.matches[0, 0]
+    if min(frames, side) < 2 or side**2 != cameras or frames == cameras or "i" in match.groupdict():
+        return
+    if most_consistent([views, views[0].reshape(side, side, *views.shape[2:])]) == 1:
+        pattern = f"{match.string[: match.start('u')]}{{i}}{match.string[match.end('u') :]}"
+        raise InputError(
+            f"{folder}: has {frames} frames of {side}x{side} views by photo-consistency; pass the "
+            f"pattern of one (--pattern {pattern!r}), or grid (--grid {frames} {cameras}) if not"
+        )
 
 
 def _format(image: np.ndarray) -> str:

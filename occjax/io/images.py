@@ -1,4 +1,4 @@
-"""Images of one view: PNG, JPEG, TIFF and BMP files of 8 and 16 bits per channel."""
+"""Images of one view: PNG, JPEG, TIFF, BMP, EXR and Radiance files with all their bits."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.io.files import decoding
+from occjax.io.hdr import HDR_SUFFIXES, read_exr
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", *HDR_SUFFIXES)
 """Suffixes of the image files that are read, in lower case."""
 
 UNSUPPORTED_SUFFIXES = (
-    *(".webp", ".gif", ".avif", ".heic", ".heif", ".jp2", ".exr", ".hdr"),
+    *(".webp", ".gif", ".avif", ".heic", ".heif", ".jp2"),
     *(".ppm", ".pgm", ".tga", ".dng", ".raw"),
 )
-"""Suffixes of image files that are not read, for messages."""
+"""Suffixes of unsupported image files, for messages."""
 
 _TIFF_BLACK, _TIFF_RGB = 1, 2  # values of the tag PhotometricInterpretation
 _TIFF_JPEG = 7  # value of the tag Compression
@@ -34,8 +35,8 @@ def read_image(path: str | Path) -> np.ndarray:
     """Read an image with all the bits that it stores.
 
     Args:
-        path: PNG, JPEG, TIFF or BMP file of any size. An alpha channel is dropped; a palette is
-            replaced by its colours.
+        path: PNG, JPEG, TIFF, BMP, EXR (needs the package OpenEXR) or Radiance (``.hdr``) file of
+            any size. An alpha channel is dropped; a palette is replaced by its colours.
 
     Returns:
         ``[H, W, C]`` uint8, uint16 or (TIFF only) float32, C is 1 (grey) or 3 (RGB).
@@ -52,7 +53,8 @@ def read_image(path: str | Path) -> np.ndarray:
     """
     path = Path(path)
     with decoding(path, "an image"):
-        image = _decode(path.read_bytes())
+        data = path.read_bytes()
+        image = read_exr(path) if data.startswith(b"v/1\x01") else _decode(data)
     if image.ndim == 2:
         image = image[..., None]
     if image.ndim != 3 or image.shape[2] > 4:
@@ -69,13 +71,15 @@ def _decode(data: bytes) -> np.ndarray:
     """Decode an image by the library that keeps all its bits."""
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return imagecodecs.png_decode(data)  # Pillow reads 16-bit colour as 8 bits
+    if data.startswith((b"#?RADIANCE", b"#?RGBE")):
+        return imagecodecs.rgbe_decode(data)
     if data.startswith((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")):
         return _decode_tiff(data)
     return _decode_with_pillow(data)
 
 
 def _decode_tiff(data: bytes) -> np.ndarray:
-    """Decode a TIFF file: tifffile reads every depth, Pillow palettes, JPEG and colour spaces."""
+    """Decode a TIFF file with tifffile; palettes, JPEG and other colour spaces with Pillow."""
     with tifffile.TiffFile(io.BytesIO(data)) as file:
         page = file.pages.first
         plain = page.photometric in (_TIFF_BLACK, _TIFF_RGB)

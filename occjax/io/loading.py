@@ -5,25 +5,29 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal, cast, get_args
+
+import numpy as np
 
 from occjax.errors import InputError, check_one_of
 from occjax.io.arrays import read_arrays
+from occjax.io.consistency import truth_fault
+from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
-from occjax.io.hdf5 import read_hdf5
+from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
-from occjax.io.mosaics import read_mosaic
+from occjax.io.mosaics import Mosaic, read_mosaic
 from occjax.io.naming import FolderLayout
-from occjax.layout import LayoutReport, Orientation, check, declaration, declared_orientation
+from occjax.layout import Orientation, ViewOrderReport, check, declaration, declared_orientation
 from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField
 
-Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "array", "hdf5"]
+Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "quilt", "array", "hdf5"]
 """Layout of the files of a light field; the first four are folders."""
 
 
-class LayoutWarning(UserWarning):
-    """The views have another layout than declared, or none; disparity would be wrong."""
+class ViewOrderWarning(UserWarning):
+    """The views or the ground truth have another order than declared, or none is consistent."""
 
 
 def load(
@@ -43,19 +47,21 @@ def load(
 
     Args:
         path: Folder with one image per view (HCI, Lytro, UrbanLF, Stanford, or any other through
-            ``pattern``); one image of all views (tiled or MacPI; needs ``grid``); ``.npz`` or
-            ``.npy``; HDF5 of the old HCI benchmark.
+            ``pattern``); one image of all views (tiled or MacPI, which need ``grid``, or a quilt);
+            ``.npz`` or ``.npy``; HDF5 or ``.mat`` (:func:`occjax.io.containers.read_container`).
         layout: Layout of the files (:data:`Layout`); None to detect it.
         pattern: File names of the views, with ``{v}`` and ``{u}`` for row and column or ``{i}`` for
             the number, row by row.
-        grid: ``(V, U)``, rows and columns of views as stored; None to detect it.
-        order: ``"vu"`` if the files count rows first, ``"uv"`` if columns.
+        grid: ``(V, U)``, rows and columns of views as stored; None to detect it. With layout
+            ``"quilt"``, rows and columns of tiles.
+        order: ``"vu"`` if the files count rows first, ``"uv"`` if columns, ``"serpentine"`` if they
+            count rows first and every second row backwards.
         flip: Axes of the grid that run backwards: ``"v"`` if rows run from bottom to top, ``"u"``
             if columns run from right to left, ``"vu"`` if both.
-        key: Name of the views in an ``.npz``.
+        key: Name of the views in an ``.npz``, HDF5 or ``.mat`` file.
         name: Name of the scene; by default the name of the file or folder.
-        check_orientation: Whether to measure the layout of the grid from the images, to warn if it
-            differs from the declared one, and to store the measurement in ``layout_report``.
+        check_orientation: Whether to measure the view order from the images, to warn if it differs
+            from the declared one, and to store the measurement in ``view_order_report``.
         progress: Called with the number of views read and the number of all views.
 
     Returns:
@@ -65,8 +71,10 @@ def load(
         InputError: If it cannot be read; the message names the file and what to do.
 
     Warns:
-        LayoutWarning: If another order or flip is clearly correct, or no layout is consistent.
-        GridWarning: If the grid is guessed from the number of views.
+        ViewOrderWarning: If another view order is clearly better, none is consistent, or the ground
+            truth is upside down, mirrored or has the opposite sign.
+        GridWarning: If the grid, the pattern of the names or the order of axes is guessed.
+        UserWarning: If views of high dynamic range are tone-mapped.
 
     Example:
         >>> import tempfile, numpy as np
@@ -84,10 +92,10 @@ def load(
     with reading(path):
         path.stat()
     stored = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
-    if grid is not None and stored.grid != tuple(grid):
+    if grid is not None and layout != "quilt" and stored.grid != tuple(grid):
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
-            f"pass grid (--grid {stored.grid[0]} {stored.grid[1]}) or leave it out"
+            "leave out grid"
         )
     if min(stored.image_size) < MIN_VIEW_SIZE_PX:
         height, width = stored.image_size
@@ -95,12 +103,22 @@ def load(
             f"{path}: views are {height}x{width} pixels; give views of at least "
             f"{MIN_VIEW_SIZE_PX}x{MIN_VIEW_SIZE_PX}, arrays as [V, U, H, W] or [V, U, H, W, C]"
         )
+    if order == "serpentine":
+        stored = _straightened(stored)
     light_field = declared.apply(stored) if declared != Orientation() else stored
     if name is not None:
         light_field = dataclasses.replace(light_field, name=name)
     if check_orientation and light_field.grid != (1, 1):
-        report = _check_layout(path, light_field, declared)
-        light_field = dataclasses.replace(light_field, layout_report=report)
+        report = _check_view_order(path, light_field, declared)
+        light_field = dataclasses.replace(light_field, view_order_report=report)
+        truth = light_field.ground_truth
+        known = truth is not None and bool(np.isfinite(truth).any())
+        if known and not report.clearly_worse and (fault := truth_fault(light_field)):
+            warnings.warn(
+                f"{path}: the ground truth agrees with the views if {fault}; correct its file",
+                ViewOrderWarning,
+                stacklevel=2,
+            )
     return light_field
 
 
@@ -114,7 +132,7 @@ def _read(
 ) -> LightField:
     """Read the light field as stored, with the reader of its layout or suffix."""
     if path.is_dir():
-        if layout in ("tiled", "macpi", "array", "hdf5"):
+        if layout in get_args(Mosaic) or layout in ("array", "hdf5"):
             raise InputError(f"{path}: is a folder, but layout {layout!r} is a file; name the file")
         in_folder = cast(FolderLayout | None, layout)
         return read_folder(path, layout=in_folder, pattern=pattern, grid=grid, progress=progress)
@@ -124,28 +142,37 @@ def _read(
     suffix = path.suffix.lower()
     if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
         return read_arrays(path, key=key)
-    if layout == "hdf5" or (layout is None and suffix in (".h5", ".hdf5")):
-        return read_hdf5(path)
-    if layout in ("tiled", "macpi") or (layout is None and suffix in IMAGE_SUFFIXES):
-        views = read_mosaic(path, grid, layout if layout in ("tiled", "macpi") else None)
+    if layout == "hdf5" or (layout is None and suffix in CONTAINER_SUFFIXES):
+        return read_container(path, key=key, grid=grid)
+    if layout in get_args(Mosaic) or (layout is None and suffix in IMAGE_SUFFIXES):
+        views = tone_mapped(path, read_mosaic(path, grid, cast(Mosaic | None, layout)))
         return LightField(views=views, name=path.stem, source=path)
     if suffix in UNSUPPORTED_SUFFIXES:
         raise InputError(f"{path}: {suffix} images are not read; convert it to PNG")
     raise InputError(
         f"{path}: unknown kind of file; give a folder of views, an image ("
-        f"{', '.join(IMAGE_SUFFIXES)}), .npz, .npy, .h5 or .hdf5"
+        f"{', '.join(IMAGE_SUFFIXES)}), .npz, .npy, .h5, .hdf5 or .mat"
     )
 
 
-def _check_layout(path: Path, light_field: LightField, declared: Orientation) -> LayoutReport:
-    """Measure the layout, and warn if it differs from the declared one or cannot be correct."""
+def _straightened(light_field: LightField) -> LightField:
+    """Return the light field with every second row of its grid reversed."""
+    views = light_field.views.copy()
+    views[1::2] = views[1::2, ::-1]
+    return dataclasses.replace(light_field, views=views)
+
+
+def _check_view_order(
+    path: Path, light_field: LightField, declared: Orientation
+) -> ViewOrderReport:
+    """Measure the view order; warn if it differs from the declared one or none is consistent."""
     report = check(light_field)
     if not report.plausible:
         rows, columns = light_field.grid
         warnings.warn(
-            f"{path}: no layout of the {rows}x{columns} views is consistent; "
-            "check the grid and the layout",
-            LayoutWarning,
+            f"{path}: no view order of the {rows}x{columns} grid is consistent; "
+            "check the grid and the file layout",
+            ViewOrderWarning,
             stacklevel=3,
         )
     if report.clearly_worse:
@@ -156,7 +183,7 @@ def _check_layout(path: Path, light_field: LightField, declared: Orientation) ->
         warnings.warn(
             f"{path}: the images show another order of the views than declared "
             f"({report.best.name}); {' or '.join(map(declaration, likely))}",
-            LayoutWarning,
+            ViewOrderWarning,
             stacklevel=3,
         )
     return report

@@ -12,6 +12,7 @@ from PIL import Image
 from occjax.errors import InputError
 from occjax.io.arrays import read_npy
 from occjax.io.atomic import atomic_path
+from occjax.io.images import read_image
 from occjax.io.pfm import read_pfm, write_pfm
 from occjax.io.png import read_value_png, write_value_png
 
@@ -21,7 +22,10 @@ Quantity = Literal["disparity", "depth"]
 UNITS: dict[Quantity, str] = {"disparity": "pixels per view step", "depth": "metres"}
 
 MAP_SUFFIXES = (".pfm", ".npy", ".png")
-"""Suffixes of map files, in lower case."""
+"""Suffixes of map files that are read and written, in lower case."""
+
+READ_ONLY_SUFFIXES = (".tif", ".tiff", ".exr")
+"""Suffixes of map files that are only read, with floating point values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +51,8 @@ def read_map(
     """Read a map of disparity or depth.
 
     Args:
-        path: ``.pfm``, ``.npy`` or grey ``.png`` file, or a folder of results, of which
-            ``disparity.pfm`` is read.
+        path: ``.pfm``, ``.npy``, grey ``.png``, or ``.tif`` or ``.exr`` file of floating point
+            values; or a folder of results, of which ``disparity.pfm`` is read.
         quantity: Quantity of the values. By default the one that a PNG states, else depth if the
             file name contains it (``depth.npy``, ``gt_depth_lowres.pfm``), else disparity.
         scale: Value of one code, for a PNG that does not store its scale.
@@ -81,10 +85,17 @@ def read_map(
         values = read_pfm(path)
     elif suffix == ".npy":
         values = _real_numbers(path, read_npy(path))
+    elif suffix in READ_ONLY_SUFFIXES:
+        image = read_image(path)
+        if not np.issubdtype(image.dtype, np.floating):
+            raise InputError(f"{path}: holds {image.dtype} codes; save the map as 32-bit floats")
+        values = image[..., 0] if image.shape[2] == 1 else image
     elif suffix == ".npz":
         raise InputError(f"{path}: an archive of arrays; save the map alone, as a .npy file")
     else:
-        raise InputError(f"{path}: not a map of disparity or depth; pass a .pfm, .npy or .png file")
+        raise InputError(
+            f"{path}: not a map of disparity or depth; pass a .pfm, .npy, .png, .tif or .exr file"
+        )
     if values.ndim != 2 or values.size == 0:
         raise InputError(f"{path}: holds {list(values.shape)}, not a map [H, W]; pass one map")
     return Map(values, _quantity(path, stated, quantity))

@@ -3,10 +3,13 @@
 Tiled: the views are arranged as in the grid. ``tiled[v * H + y, u * W + x] = views[v, u, y, x]``.
 MacPI (macro-pixel, lenslet): each pixel becomes a small image of all views, as behind a microlens.
 ``macpi[y * V + v, x * U + u] = views[v, u, y, x]``.
+Quilt (holographic displays): one row of views in several rows of tiles, from the bottom left to the
+top right one. A file name with ``qs8x6`` states 8 columns and 6 rows of tiles.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Literal
 
@@ -16,16 +19,19 @@ from occjax.errors import InputError
 from occjax.io.images import read_image
 from occjax.lightfield import MIN_VIEW_SIZE_PX
 
-Mosaic = Literal["tiled", "macpi"]
+Mosaic = Literal["tiled", "macpi", "quilt"]
 
 MIN_SEAM_RATIO = 1.3
-"""Smallest ratio of the brightness steps at seams to those elsewhere that shows an arrangement."""
+"""Ratio of brightness steps at seams to those elsewhere above which an arrangement is detected."""
 
 MAX_DARK_RATIO = 0.6
-"""Largest ratio of the darkest to the brightest view at which a view counts as dark."""
+"""Ratio of the darkest to the brightest view below which the darkest view counts as dark."""
 
 MIN_PIXELS_FOR_DARKNESS = 400
-"""Smallest number of pixels in a view from which its mean brightness is reliable."""
+"""Number of pixels per view above which the mean brightness of a view is reliable."""
+
+MIN_REPEATED_PX = 16
+"""Smallest height and width of a tile, in pixels, for which repeated content can be detected."""
 
 
 def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
@@ -33,7 +39,7 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
 
     Args:
         path: Image file.
-        grid: ``(V, U)``, number of view rows and columns.
+        grid: ``(V, U)``, number of view rows and columns; of a quilt, rows and columns of tiles.
         kind: Arrangement of the views; None to detect it.
 
     Returns:
@@ -43,8 +49,14 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
         InputError: If the grid is missing or does not divide the image, or the arrangement cannot
             be detected.
     """
+    named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem)
+    if kind == "quilt" or (kind is None and named):
+        tiles = (int(named[2]), int(named[1])) if named else grid
+        if tiles is None or min(tiles) < 1:
+            raise InputError(f"{path}: a quilt needs its tiles; pass grid (--grid ROWS COLUMNS)")
+        return split_quilt(read_image(path), tiles)
     if grid is None:
-        raise InputError(f"{path}: one image of all views needs its grid; pass grid (--grid V U)")
+        raise InputError(f"{path}: one image of all views needs the grid; pass grid (--grid V U)")
     image = read_image(path)
     height, width = _view_size(image, grid, f"{path}: ")
     if min(height, width) < MIN_VIEW_SIZE_PX:
@@ -97,11 +109,37 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     return "tiled" if _mean(at_tiles) > threshold else None
 
 
+def repeated_tiles(image: np.ndarray) -> tuple[int, int] | None:
+    """Return the grid of a tiled image, from the distance at which its content repeats.
+
+    Args:
+        image: ``[V * H, U * W]`` grey tiles.
+
+    Returns:
+        ``(V, U)``, each 2 to 20; None if no grid divides the image.
+
+    Example:
+        >>> view = np.random.default_rng(0).random((16, 24))
+        >>> repeated_tiles(np.tile(view, (3, 5)))
+        (3, 5)
+    """
+    grid = []
+    for axis in (0, 1):
+        lines = np.moveaxis(image, axis, 0)
+        size = len(lines)
+        counts = [n for n in range(20, 1, -1) if size % n == 0 and size // n >= MIN_REPEATED_PX]
+        if not counts:
+            return None
+        change = {n: np.abs(lines[size // n :] - lines[: -(size // n)]).mean() for n in counts}
+        grid.append(next(n for n in counts if change[n] <= 1.2 * min(change.values())))
+    return grid[0], grid[1]
+
+
 def _has_dark_views(image: np.ndarray, grid: tuple[int, int]) -> bool:
     """Return whether, taken as a MacPI image, some views are much darker than others.
 
-    In tiled views the pixels at one position under the microlenses are spread over all views and
-    equally bright.
+    If a tiled image is split as a MacPI image, each part has pixels of all views. Therefore all
+    parts are about equally bright.
     """
     if image.shape[0] * image.shape[1] < MIN_PIXELS_FOR_DARKNESS * grid[0] * grid[1]:
         return False
@@ -146,6 +184,31 @@ def split_tiles(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
     (v, u), (h, w) = grid, _view_size(image, grid)
     split = image.reshape(v, h, u, w, -1)
     return np.ascontiguousarray(split.transpose(0, 2, 1, 3, 4))
+
+
+def split_quilt(image: np.ndarray, tiles: tuple[int, int]) -> np.ndarray:
+    """Split a quilt into its row of views.
+
+    Args:
+        image: ``[H', W', C]``; pixels at the top and the right that do not fill a tile are dropped.
+        tiles: Rows and columns of tiles.
+
+    Returns:
+        ``[1, U, H, W, C]`` views, U the number of tiles.
+
+    Raises:
+        InputError: If there are more tiles than pixels.
+
+    Example:
+        >>> split_quilt(np.arange(4).reshape(2, 2, 1), (2, 2)).ravel().tolist()
+        [2, 3, 0, 1]
+    """
+    rows, columns = tiles
+    h, w = image.shape[0] // rows, image.shape[1] // columns
+    if min(h, w) < 1:
+        raise InputError(f"{list(image.shape)} pixels are too few for {rows}x{columns} tiles")
+    views = split_tiles(image[image.shape[0] - rows * h :, : columns * w], tiles)
+    return views[::-1].reshape(1, rows * columns, *views.shape[2:])
 
 
 def join_tiles(views: np.ndarray) -> np.ndarray:

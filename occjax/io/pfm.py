@@ -18,6 +18,9 @@ from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.files import reading
 
+MIN_PIXELS_FOR_BYTE_ORDER = 256
+"""Smallest number of values that can show that the byte order in the header is wrong."""
+
 
 def read_pfm(path: str | Path) -> np.ndarray:
     r"""Read a PFM file.
@@ -149,7 +152,7 @@ def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
         ``[H, W]`` (grey) or ``[H, W, 3]`` (colour) float32, top row first.
 
     Raises:
-        InputError: If the header or the length is wrong.
+        InputError: If the header, the length or the byte order is wrong.
 
     Example:
         >>> decode_pfm(b"Pf\n1 1\n-1.0\n" + bytes(4), "map.pfm").tolist()
@@ -157,9 +160,25 @@ def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
     """
     header = pfm_header(data, path)
     byte_order = "<f4" if header.little_endian else ">f4"
-    pixels = np.frombuffer(data, byte_order, offset=header.start).astype(np.float32)
+    stored = np.frombuffer(data, byte_order, offset=header.start)
+    usual, swapped = _usual_fraction(stored), _usual_fraction(stored.byteswap())
+    if stored.size >= MIN_PIXELS_FOR_BYTE_ORDER and usual < 0.5 and swapped > 0.9:
+        order, sign = ("little", "positive") if header.little_endian else ("big", "negative")
+        raise InputError(
+            f"{path}: the header says that values are {order}-endian, but they are only plausible "
+            f"in the other byte order; write a {sign} scale into the header"
+        )
+    pixels = stored.astype(np.float32)
     image = pixels.reshape(header.height, header.width, header.channels)[::-1]
     return np.ascontiguousarray(image if header.channels == 3 else image[..., 0])
+
+
+def _usual_fraction(values: np.ndarray) -> float:
+    """Return the fraction of the finite values other than 0 that are of a usual magnitude."""
+    magnitudes = np.abs(values[np.isfinite(values) & (values != 0.0)])
+    if not magnitudes.size:
+        return 0.0
+    return float(np.mean((magnitudes > 1e-9) & (magnitudes < 1e9)))
 
 
 def encode_pfm(image: np.ndarray, path: str | Path) -> bytes:

@@ -102,7 +102,7 @@ def read_description(file: Path) -> dict[str, Any]:
     with decoding(file, "a JSON object", remedy="choose another folder"):
         description = json.loads(file.read_text(encoding="utf-8"))
         if not isinstance(description, dict) or not description:
-            raise ValueError("it describes nothing")
+            raise ValueError("it is empty or not a JSON object")
         return description
 
 

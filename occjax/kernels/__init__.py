@@ -1,4 +1,6 @@
-"""Private fast paths; each module names the plain form that its functions equal (tests/kernels).
+"""Private fast implementations. Each module names the reference implementation.
+
+``tests/kernels`` compares each function with its reference.
 
 * :mod:`occjax.kernels.bilinear`: bilinear taps, reads of single planes and of packed pairs;
 * :mod:`occjax.kernels.convolution`: 2-D convolution with a fast kernel gradient on a CPU;

@@ -1,6 +1,6 @@
 """Bilinear taps, and fast bilinear reads of one or two channels with the border replicated.
 
-The plain form of :func:`warp_plane` and :func:`warp_packed_pair` is :func:`occjax.ops.warp`.
+The reference of :func:`warp_plane` and :func:`warp_packed_pair` is :func:`occjax.ops.warp`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ def whole_and_fraction(
 ) -> tuple[Int[Array, "2"], Float[Array, "2"]]:
     """Split a displacement ``(row, column)`` into whole pixels and a fraction in [0, 1).
 
-    A shift by more than the image reads only zeros, also in the rows next to the image. Clamping
-    the whole pixels to ``[-size - 2, size + 1]`` keeps them within the range of integers.
+    A shift by more than the size of the image reads only the zeros outside it. Therefore the whole
+    pixels can be clamped to ``[-size - 2, size + 1]``, which keeps them in the range of int32.
 
     Args:
         displacement: ``[2]`` displacement, in pixels.
@@ -38,11 +38,11 @@ def whole_and_fraction(
 def base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
     """Return the lower bilinear tap in [0, size - 2] and the weight of the upper tap in [0, 1].
 
-    In an image one pixel wide the taps are -1 and 0, which are the same pixel.
+    In an image one pixel wide the taps are -1 and 0; index -1 is that pixel too.
     """
     base = jax.lax.stop_gradient(jnp.clip(jnp.floor(coordinate), 0.0, size - 2.0))
     fraction = coordinate - base
-    # Not jnp.clip: at a bound it halves the derivative, and 0 is every whole number of pixels.
+    # jnp.clip would halve the derivative at 0, which is the fraction at every whole pixel.
     fraction = jnp.where(fraction < 0.0, 0.0, jnp.where(fraction >= 1.0, 1.0, fraction))
     return base.astype(jnp.int32), fraction
 

@@ -1,9 +1,9 @@
 """Two-dimensional convolution with zero padding and gradients that are fast on CPU and GPU.
 
-:func:`plain_convolution` is the plain form of :func:`packed_convolution` and
-:func:`convolve_images`; its gradient by XLA is the plain form of :func:`kernel_gradient`. Arrays
-are ``[n, h, w, c]`` images, ``[i, j, c, k]`` kernels of odd size i x j, and ``[n, h, w, k]``
-results; ``dilation`` is the distance between kernel taps, in pixels.
+:func:`plain_convolution` is the reference of :func:`packed_convolution` and
+:func:`convolve_images`; its gradient by XLA is the reference of :func:`kernel_gradient`. Arrays are
+``[n, h, w, c]`` images, ``[i, j, c, k]`` kernels of odd size i x j, and ``[n, h, w, k]`` results;
+``dilation`` is the distance between kernel taps, in pixels.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ PACKED_CHANNELS = 64
 """Channels that a GPU's matrix units process at once; fewer channels take as long."""
 
 MAX_NARROW_CHANNELS = 16
-"""Largest number of result channels for which one matrix product covers all taps of a kernel."""
+"""Largest number of result channels for which one matrix product computes all kernel taps."""
 
 
 def plain_convolution(
     images: Float[Array, "n h w c"], kernel: Float[Array, "i j c k"], dilation: int = 1
 ) -> Float[Array, "n h w k"]:
-    """Convolve by XLA, with XLA's derivatives."""
+    """Convolve with XLA's convolution and derivatives."""
     return jax.lax.conv_general_dilated(
         images,
         kernel,
@@ -57,7 +57,7 @@ def convolve_images(
 
 @lru_cache
 def _platform_branches(dilation: int) -> dict[str, Callable[[Array, Array], Array]]:
-    """Return the same functions for the same dilation; with new ones JAX would trace each layer.
+    """Return one function per platform, cached: JAX would trace new functions for each layer.
 
     XLA's own derivatives remain on other platforms. They are convolutions of the whole batch,
     whereas a vmapped custom rule treats one light field at a time.
@@ -91,7 +91,7 @@ def packed_convolution(
     reach = 1 if radius else 0
     block, p, q = (jnp.arange(size, dtype=jnp.int32) for size in (2 * reach + 1, packed, packed))
     step = packed * (block[:, None, None] - reach) + p[None, :, None] - q[None, None, :]
-    # Not a matrix product, for which XLA would search the best algorithm for each layer.
+    # Selection instead of a matrix product: XLA would tune a matrix product for each layer.
     wide = jnp.zeros((rows, *step.shape[:2], c, packed, k), kernel.dtype)
     for tap in range(columns):
         selected = (step == dilation * (tap - columns // 2))[None, :, :, None, :, None]
@@ -141,19 +141,19 @@ def kernel_gradient(
     size: tuple[int, int],
     dilation: int = 1,
 ) -> Float[Array, "i j c k"]:
-    """Return the gradient of a kernel from that of the convolution of one image.
+    """Return the gradient with respect to the kernel of the convolution of one image.
 
-    For each tap it is the matrix product of the image with the shifted gradient. The gradient is
-    copied for all taps of a row and, if it has few channels, for all taps of the kernel.
+    For each tap it is the matrix product of the image with the shifted ``gradient``. Shifted copies
+    of ``gradient`` are made for all taps of a row or, if it has few channels, of the kernel.
 
     Args:
         image: ``[h, w, c]`` image.
-        gradient: ``[h, w, k]`` gradient of a function of the convolution.
+        gradient: ``[h, w, k]`` gradient with respect to the result of the convolution.
         size: Rows and columns of the kernel, odd.
         dilation: Distance between taps, in pixels.
 
     Returns:
-        ``[i, j, c, k]``, summed in single precision or better.
+        ``[i, j, c, k]`` gradient, summed in single precision or better.
     """
     (h, w, c), k = image.shape, gradient.shape[-1]
     rows, columns = size

@@ -1,4 +1,4 @@
-"""3x3x3 convolution with half of the multiplications, four rows at a time.
+"""3x3x3 convolution by Winograd's minimal filtering: half of the multiplications.
 
 Four neighbouring results of a filter of three taps need six multiplications instead of twelve, if
 input and filter are first combined linearly (Winograd, Arithmetic Complexity of Computations, 1980;
@@ -8,11 +8,12 @@ dimensions, over candidates and columns, and four linear combinations of the res
 One dimension is enough: the combined rows are read once, from the processor's cache, and the
 rounding error is only three times that of a direct convolution.
 
-The combinations are values of polynomials at 0, 3/4, -3/4, 4/3, -4/3 and infinity. Points near one
-and far apart have the smallest rounding error; with the usual 0, 1, -1, 2, -2 it is a third larger.
+The algorithm evaluates polynomials at the points 0, 3/4, -3/4, 4/3, -4/3 and infinity. The rounding
+error is small if the points have a magnitude near one and are far apart. With the usual points
+0, 1, -1, 2, -2 it is a third larger.
 
-A volume is ``[h, d, w, c]``, rows first. The plain form of :func:`convolve_rows` is a convolution
-by XLA, that of :func:`kernel_gradient_of_rows` is its gradient.
+A volume is ``[h, d, w, c]``, rows first. The reference of :func:`convolve_rows` is a convolution by
+XLA, that of :func:`kernel_gradient_of_rows` the gradient of this convolution.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ INPUT_ROWS = OUTPUT_ROWS + 2
 """Rows of the volume that :data:`OUTPUT_ROWS` rows of the result depend on."""
 
 ReadRows = Callable[[Int[Array, ""]], Float[Array, "6 d w c"]]
-"""Function that returns :data:`INPUT_ROWS` rows of a volume from a first row on."""
+"""Function that returns :data:`INPUT_ROWS` rows of a volume, given the index of the first one."""
 
 _POINTS = (Fraction(0), Fraction(3, 4), Fraction(-3, 4), Fraction(4, 3), Fraction(-4, 3))
 
@@ -42,8 +43,9 @@ _POINTS = (Fraction(0), Fraction(3, 4), Fraction(-3, 4), Fraction(4, 3), Fractio
 def _combinations() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the linear combinations of filter ``[6, 3]``, input ``[6, 6]``, products ``[4, 6]``.
 
-    They are the transpose of an interpolation of the product of two polynomials, of degrees three
-    and two, from its values at six points; the transpose correlates.
+    The product of two polynomials, of degrees three and two, can be interpolated from its values at
+    six points. This computes the convolution of their coefficients (Toom and Cook). The transpose
+    of the algorithm computes the correlation of six rows with three taps.
     """
 
     def values(size: int) -> np.ndarray:
@@ -51,7 +53,7 @@ def _combinations() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.array([*finite, [0.0] * (size - 1) + [1.0]])
 
     filters, inputs = values(3), np.linalg.inv(values(INPUT_ROWS)).T
-    # A scale by powers of two changes no digit.
+    # Scaling by powers of two adds no rounding error.
     scale = 2.0 ** np.round(np.log2(np.abs(filters).sum(1, keepdims=True)))
     return filters / scale, inputs * scale, values(OUTPUT_ROWS).T
 
@@ -60,7 +62,7 @@ _FILTERS, _INPUTS, _PRODUCTS = _combinations()
 
 
 def row_kernels(kernel: Float[Array, "3 3 3 c k"]) -> Float[Array, "6 3 3 c k"]:
-    """Combine a kernel over candidates, rows and columns into those of :func:`convolve_rows`."""
+    """Return the six combined kernels for :func:`convolve_rows`."""
     return jnp.einsum("pi,dijck->pdjck", jnp.asarray(_FILTERS, kernel.dtype), kernel)
 
 
@@ -73,16 +75,16 @@ def convolve_rows(
     """Convolve a volume that is read in parts, with zero padding.
 
     Args:
-        read: Function that returns the rows of the volume from a first row on, -1 to
-            ``height - 5``. Rows -1 and ``height`` are zero, or the neighbouring rows of the larger
-            volume that this one is a strip of.
+        read: Function that returns rows of the volume, given the index of the first one, which is
+            from -1 to ``height - 5``. Rows -1 and ``height`` are zero; if the volume is a strip of
+            a larger volume, they are the neighbouring rows of that volume.
         height: Number of rows h, at least 4.
         kernels: ``[6, 3, 3, c, k]`` from :func:`row_kernels`.
-        finish: Function applied to four rows of the result and the number of the first one.
+        finish: Function applied to four rows of the result and the index of the first one.
 
     Returns:
-        ``[h + 2, d, w, k]`` finished rows between two rows of zeros, as
-        :func:`rows_between_zeros` takes them.
+        ``[h + 2, d, w, k]`` results of ``finish`` between two rows of zeros: the input of
+        :func:`rows_between_zeros`.
     """
     # The last group of rows overlaps the one before.
     starts = np.minimum(np.arange(0, height, OUTPUT_ROWS), height - OUTPUT_ROWS)
@@ -111,20 +113,20 @@ def convolve_rows(
 def kernel_gradient_of_rows(
     volume: Float[Array, "h d w c"], gradient: Float[Array, "h d w k"]
 ) -> Float[Array, "3 3 3 c k"]:
-    """Return the gradient of a kernel from that of the convolution.
+    """Return the gradient with respect to the kernel, given that with respect to the result.
 
-    It is the transpose of the same algorithm and also needs half of the multiplications.
+    The transpose of the same algorithm computes it, also with half of the multiplications.
 
     Args:
         volume: ``[h, d, w, c]`` volume, without rows of zeros.
-        gradient: ``[h, d, w, k]`` gradient of a function of the convolution.
+        gradient: ``[h, d, w, k]`` gradient with respect to the result of the convolution.
 
     Returns:
-        ``[3, 3, 3, c, k]`` over candidates, rows and columns.
+        ``[3, 3, 3, c, k]`` gradient over candidates, rows and columns.
     """
-    rest = -len(volume) % OUTPUT_ROWS
-    volume = jnp.pad(volume, ((1, 1 + rest), (0, 0), (0, 0), (0, 0)))
-    gradient = jnp.pad(gradient, ((0, rest), (0, 0), (0, 0), (0, 0)))
+    padding = -len(volume) % OUTPUT_ROWS
+    volume = jnp.pad(volume, ((1, 1 + padding), (0, 0), (0, 0), (0, 0)))
+    gradient = jnp.pad(gradient, ((0, padding), (0, 0), (0, 0), (0, 0)))
 
     def add_rows(total, start):
         rows = jax.lax.dynamic_slice_in_dim(volume, start, INPUT_ROWS)

@@ -3,7 +3,7 @@
 On a CPU, XLA reduces the leading axis one pixel at a time and jumps from map to map, which takes
 twenty times as long as the arithmetic. These functions combine the two halves of the stack until
 one map is left: elementwise operations that XLA fuses into one pass over memory. The tree of sums
-also has a smaller rounding error. The plain forms are ``x.sum(0)``, ``x.min(0)``, ``x.max(0)`` and
+also has a smaller rounding error. The references are ``x.sum(0)``, ``x.min(0)``, ``x.max(0)`` and
 ``jax.nn.softmax(x, axis=0)``.
 """
 

@@ -1,6 +1,6 @@
 """3x3x3 convolution of a volume ``[d, h, w, c]`` with zero padding and fast gradients.
 
-XLA's 3-D convolution is slow on CPU and GPU; it is the plain form of :func:`convolve_volume`.
+XLA's 3-D convolution is slow on CPU and GPU; it is the reference of :func:`convolve_volume`.
 
 * On a CPU, three two-dimensional convolutions, one per plane of the kernel, are twice as fast. In
   training, the convolution and both gradients need half of the multiplications
@@ -28,10 +28,10 @@ from occjax.kernels.minimal_filtering import (
 from occjax.kernels.reductions import accumulation_dtype
 
 MIN_FILTERED_CHANNELS = 16
-"""Smallest number of channels for which minimal filtering is worth the combination of rows."""
+"""Smallest number of channels for which minimal filtering is faster than a direct convolution."""
 
 CHANNEL_ALIGNMENT = 8
-"""Multiple of channels that a GPU's matrix units process without a copy."""
+"""Number of channels, of which a GPU's matrix units process multiples without a copy."""
 
 
 def convolve_volume(

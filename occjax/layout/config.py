@@ -1,4 +1,4 @@
-"""Settings of the measurement of layout and disparity range."""
+"""Settings of the measurement of view order and disparity range."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class LayoutConfig:
+class ViewOrderConfig:
     """Settings of :func:`occjax.layout.check`.
 
     Grey values and grey differences are relative to the brightness of the centre view, so that no
@@ -32,14 +32,14 @@ class LayoutConfig:
             Fewer views need a larger window.
         noise_floor: Mean grey differences that differ by less than this count as equal.
         clearly_worse_ratio: Ratio of two mean grey differences above which one is clearly worse.
-            Correct and wrong layouts of real light fields differ by factors of 1.4 to 4.
+            Correct and wrong view orders of real light fields differ by factors of 1.4 to 4.
         window_radii_px: Radii of the additional mean of the cost in which disparities are measured.
             Weak texture needs large windows, thin surfaces need small ones.
         clear_minimum: Ratio of lowest to mean cost below which a disparity is reliable, whatever
             the noise.
         significance: Standard deviations of the noise by which the lowest cost must be below the
             mean cost for a disparity to be reliable.
-        max_noise_fraction: Fraction of the textured pixels that look reliable in pure noise.
+        max_noise_fraction: Fraction of the textured pixels that may look reliable in pure noise.
         min_group_fraction: Fraction of the reliable disparities below which a group apart from all
             others is an outlier, for instance from repeated texture.
         range_percentiles: Percentiles of the reliable disparities that bound the range.
@@ -57,13 +57,14 @@ class LayoutConfig:
         sign_fraction: Fraction of collisions that settles the sign of disparity. Disparity edges
             that are too wide vote for the wrong sign: real 3x3 crops reach only 0.35 for the
             correct one.
-        min_textured_fraction: Fraction of textured pixels below which equally consistent layouts do
-            not show that the views are no light field.
-        wrong_grid_fraction: Fraction of reliable pixels above which they do show it, if the scene
-            has a disparity of at least ``wrong_grid_disparity``.
+        min_textured_fraction: Fraction of textured pixels below which views that are equally
+            consistent in all view orders may still be a light field.
+        wrong_grid_fraction: Fraction of reliable pixels above which views that are equally
+            consistent in all view orders are not a light field, if the scene has a disparity of at
+            least ``wrong_grid_disparity``.
         wrong_grid_disparity: See ``wrong_grid_fraction``, in pixels per view step.
-        wrong_grid_span: Range of disparity, relative to the largest candidate, above which equally
-            consistent layouts show that the views are no light field.
+        wrong_grid_span: Range of disparity, relative to the largest candidate, above which views
+            that are equally consistent in all view orders are not a light field.
     """
 
     view_steps: tuple[int, ...] = (1, 2, 4)

@@ -1,9 +1,9 @@
-"""Photo-consistency of the views under each layout of their grid.
+"""Photo-consistency of the views under each of the eight view orders.
 
 The views of the cross around the centre view are compared, in grey, reduced in size and without
 slow brightness changes (vignetting). The cross has four arms. Each arm gives two cost volumes: one
 for motion along image columns, one for motion along image rows. The cost of each of the eight
-layouts is a combination of these volumes:
+view orders is a combination of these volumes:
 
 * correct order: views on the grid row move along x, views on the grid column along y;
 * swapped order: the other way round;
@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from occjax.layout.config import LayoutConfig
+from occjax.layout.config import ViewOrderConfig
 from occjax.layout.orientation import Orientation
 from occjax.lightfield import LightField, centre_index, to_grey, view_offsets
 from occjax.ops import refined_volume
@@ -67,7 +67,7 @@ class Cross:
     arms: tuple[Arm, ...]
     scale: int
     brightness: float
-    config: LayoutConfig
+    config: ViewOrderConfig
 
     @property
     def reach(self) -> float:
@@ -75,7 +75,7 @@ class Cross:
         return max(float(np.abs(arm.offsets).max()) for arm in self.arms)
 
 
-def view_cross(light_field: LightField, size_px: int, config: LayoutConfig) -> Cross:
+def view_cross(light_field: LightField, size_px: int, config: ViewOrderConfig) -> Cross:
     """Return the cross of views, reduced so that the shorter image side is at most ``size_px``.
 
     Args:
@@ -110,7 +110,7 @@ def view_cross(light_field: LightField, size_px: int, config: LayoutConfig) -> C
 
 
 class CostVolumes:
-    """Cost of each disparity candidate at each pixel, for every layout.
+    """Cost of each disparity candidate at each pixel, for every view order.
 
     Attributes:
         config: Settings of the measurement.
@@ -148,7 +148,7 @@ class CostVolumes:
             self._volumes[arm.on_row, axis] = np.minimum(volume, opposite)
 
     def of(self, orientation: Orientation) -> np.ndarray:
-        """Return the ``[d, h, w]`` mean absolute grey difference under a layout."""
+        """Return the ``[d, h, w]`` mean absolute grey difference under a view order."""
         parts = []
         for on_row in (True, False):
             axis, sign = motion(on_row, orientation)
@@ -157,7 +157,7 @@ class CostVolumes:
         return parts[0] if len(parts) == 1 else (parts[0] + parts[1]) / np.float32(2)
 
     def score(self, orientation: Orientation) -> float:
-        """Return the mean over all pixels of the lowest cost under a layout."""
+        """Return the mean over all pixels of the lowest cost under a view order."""
         return float(self.of(orientation).min(0).mean())
 
 
@@ -238,7 +238,7 @@ def _arm_volume(
 
     def combine(views: Float[Array, "1 n h w 1"], _: Array | None) -> Float[Array, "h w"]:
         differences = jnp.abs(views[0, ..., 0] - centre[None])
-        # As a product, because XLA would repeat the reads of the views within a fused mean.
+        # A product with weights: in a fused mean XLA would read the views repeatedly.
         weights = jnp.full(len(differences), 1 / len(differences), differences.dtype)
         return box_mean(jnp.tensordot(weights, differences, 1, precision="highest"), radius)
 

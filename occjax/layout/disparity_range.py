@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from occjax.layout.config import LayoutConfig
+from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, box_mean
 from occjax.layout.orientation import Orientation
 
@@ -22,7 +22,7 @@ NOISE_SPREAD = 0.75
 
 @dataclass(frozen=True)
 class DisparityMeasurement:
-    """Disparities under one layout of the grid, in pixels of the light field per view step.
+    """Disparities under one view order, in pixels of the light field per view step.
 
     Attributes:
         disparity: ``[h, w]`` disparity of lowest cost in the smallest window, reliable or not.
@@ -49,8 +49,8 @@ def measure_disparity(volumes: CostVolumes, orientation: Orientation) -> Dispari
     noise of mean ``m``, costs would vary by ``0.75 m / sqrt(n)``.
 
     Args:
-        volumes: Cost volumes of all layouts.
-        orientation: The layout that is assumed.
+        volumes: Cost volumes of all view orders.
+        orientation: The view order that is assumed.
 
     Returns:
         Disparities, their limits, and how much of the image they rest on.
@@ -83,7 +83,7 @@ def measure_disparity(volumes: CostVolumes, orientation: Orientation) -> Dispari
     )
 
 
-def _limits(found: np.ndarray, step: float, config: LayoutConfig) -> tuple[float, float]:
+def _limits(found: np.ndarray, step: float, config: ViewOrderConfig) -> tuple[float, float]:
     """Return the lowest and the highest of ``[n]`` reliable disparities without outliers."""
     values, counts = np.unique(found, return_counts=True)
     group = np.cumsum([False, *(np.diff(values) >= 1.5 * step)])

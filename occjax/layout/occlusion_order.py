@@ -29,7 +29,7 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
         cross: Views around the centre, relative to their brightness.
         disparity: ``[h, w]`` disparity of the centre view under ``orientation``, in pixels of the
             light field per view step.
-        orientation: The layout of the grid that is assumed.
+        orientation: The view order that is assumed.
 
     Returns:
         Fraction in [0, 1], each collision weighted by the squared contrast of its two points: near

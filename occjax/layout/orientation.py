@@ -1,7 +1,7 @@
-"""The eight layouts of a grid of views, and how to convert between them.
+"""The eight view orders of a grid, and how to convert between them.
 
 Files list views row by row or column by column, rows downwards or upwards, columns rightwards or
-leftwards. The convention of :mod:`occjax.lightfield` is one of the eight layouts.
+leftwards. The convention of :mod:`occjax.lightfield` is one of these eight view orders.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from occjax.lightfield import LightField, centre_index
 
 @dataclass(frozen=True)
 class Orientation:
-    """A change of the layout of a grid of views: first swap its axes, then flip them.
+    """A change of the view order: first swap the axes of the grid, then flip them.
 
     Attributes:
         swap: The first index of the grid is the view column, not the row.
@@ -61,7 +61,7 @@ class Orientation:
 
     @property
     def reversed_sign(self) -> Orientation:
-        """Return this layout with both axes flipped in addition, which negates disparity."""
+        """Return this orientation with both axes flipped in addition, which negates disparity."""
         return Orientation(self.swap, not self.flip_rows, not self.flip_columns)
 
     def then(self, other: Orientation) -> Orientation:
@@ -90,13 +90,13 @@ class Orientation:
 
         Camera positions follow the views: a swap exchanges their two components, a flip negates
         one. The ground truth belongs to the centre view and stays, except where a flip of an axis
-        of even size makes another view the centre. The layout report is dropped.
+        of even size makes another view the centre. The view order report is dropped.
 
         Args:
             light_field: Light field with any grid.
 
         Returns:
-            The same views, as a contiguous copy, in the new layout.
+            The same views, as a contiguous copy, in the new view order.
 
         Example:
             >>> light_field = LightField(np.zeros((3, 5, 8, 8, 1), np.uint8))
@@ -118,7 +118,7 @@ class Orientation:
             views=views,
             positions=positions,
             ground_truth=ground_truth,
-            layout_report=None,
+            view_order_report=None,
         )
 
     def _lay_out(self, grid: np.ndarray) -> np.ndarray:
@@ -136,11 +136,11 @@ ORIENTATIONS = tuple(
     Orientation(swap, rows, columns)
     for swap, rows, columns in itertools.product((False, True), repeat=3)
 )
-"""The eight layouts; the first one is the convention of this library."""
+"""The eight orientations; the first one is the convention of this library."""
 
 
 def declared_orientation(order: str, flip: str) -> Orientation:
-    """Return the orientation that corrects the layout that a user declares.
+    """Return the orientation that corrects the view order that a user declares.
 
     Args:
         order: ``"vu"`` if the first index of the files is the view row, ``"uv"`` if it is the view
@@ -158,6 +158,7 @@ def declared_orientation(order: str, flip: str) -> Orientation:
         >>> declared_orientation("uv", "v")
         Orientation(swap=True, flip_rows=True, flip_columns=False)
     """
+    order = "vu" if order == "serpentine" else order  # the reader has reversed every second row
     if order not in ("vu", "uv"):
         raise InputError(f"order is {order!r}; it must be 'vu' (row first) or 'uv' (column first)")
     if flip not in ("", "v", "u", "vu", "uv"):
@@ -166,10 +167,10 @@ def declared_orientation(order: str, flip: str) -> Orientation:
 
 
 def declaration(orientation: Orientation) -> str:
-    """Return the advice how to declare an orientation, in Python or on the command line.
+    """Return the options that declare an orientation, in Python and on the command line.
 
     Args:
-        orientation: What corrects the layout of the files.
+        orientation: Orientation that corrects the view order of the files.
 
     Returns:
         An instruction, for a message to the user.

@@ -1,4 +1,4 @@
-"""Report on the layout of the grid of views and on the disparity range.
+"""Report on the view order and the disparity range.
 
 A light field whose rows and columns are swapped, or reversed, still loads and still gives a
 disparity map, but a wrong one. :func:`check` detects this from the images alone.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.layout.config import LayoutConfig
+from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
@@ -19,36 +19,37 @@ from occjax.layout.orientation import ORIENTATIONS, Orientation
 from occjax.lightfield import LightField
 
 DECLARED = Orientation()
-"""The layout of the light field as it is given."""
+"""The view order of the light field as it is given."""
 
 
 @dataclass(frozen=True)
-class LayoutReport:
-    """Measurement of the layout of the grid and of the disparity range.
+class ViewOrderReport:
+    """Measurement of the view order and of the disparity range.
 
-    The eight layouts form four pairs. The two layouts of a pair differ only by the sign of
+    The eight view orders form four pairs. The two view orders of a pair differ only by the sign of
     disparity and are equally consistent. Occlusion tells them apart if the scene has enough of it.
 
     Attributes:
-        scores: Inconsistency of each layout by its name: mean grey difference, in [0, 1], between
-            the centre view and the others at the best disparity of each pixel. Lower is better.
-        best: The correct layout, to be applied to the light field as it is now; the identity
-            unless the report is conclusive.
-        conclusive: Whether one layout, up to the sign of disparity, is clearly better than the
+        scores: Inconsistency of each view order by its name: mean grey difference, in [0, 1],
+            between the centre view and the others at the best disparity of each pixel. Lower is
+            better.
+        best: Orientation that gives the light field the correct view order; the identity unless the
+            report is conclusive.
+        conclusive: Whether one view order, up to the sign of disparity, is clearly better than the
             others. If not, the views have no texture or no disparity, or are consistent in no
-            layout: the grid or the arrangement of a mosaic may be wrong.
-        clearly_worse: Whether the light field as it is now is certainly wrong.
+            view order: the grid or the arrangement of a mosaic may be wrong.
+        clearly_worse: Whether the given view order is certainly wrong.
         nearer_in_front: Under ``best``, the fraction of occlusions in which the surface of larger
             disparity is in front: near 1 if the sign is correct; None if there are too few.
-        sign_known: Whether the occlusions settle the sign. If not, ``best`` and
-            ``best.reversed_sign`` are equally likely, and ``best`` is the one closer to the light
-            field as it is now.
+        sign_known: Whether the occlusions determine the sign. If not, ``best`` and
+            ``best.reversed_sign`` are equally likely, and ``best`` is the one closer to the given
+            view order.
         disparity_range: Range of the scene under ``best``, with a small margin, in pixels per view
             step; (-4, 4) if nothing could be measured.
-        measured_fraction: Fraction of the pixels that the range rests on; 0 if there is no texture,
-            or no more pixels are measured than in pure noise.
+        measured_fraction: Fraction of the pixels with a reliable disparity, from which the range is
+            computed; 0 if there is no texture, or no more pixels are reliable than in noise.
         plausible: Whether the views can belong to one light field. False if they are textured but
-            no layout is more consistent than the others: noise, or a wrongly split mosaic.
+            no view order is more consistent than the others: noise, or a wrongly split mosaic.
     """
 
     scores: dict[str, float]
@@ -71,8 +72,8 @@ class LayoutReport:
         return (-high, -low) if self.best == DECLARED.reversed_sign else (low, high)
 
 
-def check(light_field: LightField, config: LayoutConfig | None = None) -> LayoutReport:
-    """Measure in which of its eight layouts the grid of views is consistent.
+def check(light_field: LightField, config: ViewOrderConfig | None = None) -> ViewOrderReport:
+    """Measure which of the eight view orders makes the views consistent.
 
     Takes about a second for 9x9 views of 512x512. A light field that carries its report already
     (:func:`occjax.load` stores it) is not measured again. Grids of one row or column work: the two
@@ -85,7 +86,7 @@ def check(light_field: LightField, config: LayoutConfig | None = None) -> Layout
             if there is none.
 
     Returns:
-        The scores of the eight layouts, the best layout, and the disparity range of the scene.
+        The scores of the eight view orders, the best one, and the disparity range of the scene.
 
     Raises:
         InputError: If there is only one view, or all camera positions are the same.
@@ -99,9 +100,9 @@ def check(light_field: LightField, config: LayoutConfig | None = None) -> Layout
         >>> check(LightField(views[::-1])).best.name
         'rows flipped'
     """
-    if config is None and light_field.layout_report is not None:
-        return light_field.layout_report
-    config = LayoutConfig() if config is None else config
+    if config is None and light_field.view_order_report is not None:
+        return light_field.view_order_report
+    config = ViewOrderConfig() if config is None else config
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
     coarse_cross = view_cross(light_field, config.coarse_size_px, config)
@@ -131,12 +132,12 @@ def check(light_field: LightField, config: LayoutConfig | None = None) -> Layout
 
     one_stands_out, all_alike = _compare(scores, light_field.grid, config)
     conclusive = one_stands_out and measurement.limits is not None
-    if not conclusive and best != DECLARED:  # There is no reason to doubt the declared layout.
+    if not conclusive and best != DECLARED:  # There is no reason to doubt the declared order.
         best, front, sign_known = DECLARED, None, False
         measurement = measure_disparity(fine, best)
     otherwise = _clearly_worse(scores[DECLARED], scores[best], config)
     only_the_sign = best == DECLARED.reversed_sign and sign_known
-    return LayoutReport(
+    return ViewOrderReport(
         scores={o.name: score * fine_cross.brightness for o, score in scores.items()},
         best=best,
         conclusive=conclusive,
@@ -188,26 +189,26 @@ def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tu
 
 
 def _scores(volumes: CostVolumes) -> dict[Orientation, float]:
-    """Return the mean lowest cost of each layout; the two layouts of a pair have the same."""
+    """Return the mean lowest cost of each view order; the two of a pair have the same."""
     pairs = {o: volumes.score(o) for o in ORIENTATIONS if not o.flip_columns}
     return {o: pairs[o.reversed_sign if o.flip_columns else o] for o in ORIENTATIONS}
 
 
-def _most_consistent(scores: dict[Orientation, float], config: LayoutConfig) -> Orientation:
-    """Return the best layout up to the sign; the declared one unless it is clearly worse."""
+def _most_consistent(scores: dict[Orientation, float], config: ViewOrderConfig) -> Orientation:
+    """Return the best view order up to the sign; the declared one unless it is clearly worse."""
     best = min((o for o in ORIENTATIONS if not o.flip_columns), key=scores.__getitem__)
     return best if _clearly_worse(scores[DECLARED], scores[best], config) else DECLARED
 
 
-def _clearly_worse(score: float, best: float, config: LayoutConfig) -> bool:
-    """Return whether a layout of this score is certainly worse than the best."""
+def _clearly_worse(score: float, best: float, config: ViewOrderConfig) -> bool:
+    """Return whether a view order of this score is certainly worse than the best."""
     return score > config.clearly_worse_ratio * best and score - best > config.noise_floor
 
 
 def _compare(
-    scores: dict[Orientation, float], grid: tuple[int, int], config: LayoutConfig
+    scores: dict[Orientation, float], grid: tuple[int, int], config: ViewOrderConfig
 ) -> tuple[bool, bool]:
-    """Return whether one layout, up to the sign, is clearly best, and whether all are alike.
+    """Return whether one view order, up to the sign, is clearly best, and whether all are equal.
 
     On a grid of one row or column the flip along the missing axis changes nothing.
     """
@@ -220,9 +221,9 @@ def _compare(
 
 
 def _is_no_light_field(
-    measurement: DisparityMeasurement, largest: float, config: LayoutConfig
+    measurement: DisparityMeasurement, largest: float, config: ViewOrderConfig
 ) -> bool:
-    """Return whether views that are equally consistent in all layouts cannot be a light field.
+    """Return whether views that are equally consistent in all view orders cannot be a light field.
 
     Views without texture, copies of one view, and copies with noise are equally consistent too.
     """

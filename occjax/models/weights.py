@@ -68,11 +68,11 @@ def load_weights(
 
     Args:
         path: ``.safetensors`` written by :func:`save_weights` (also by earlier versions), or
-            ``.h5`` / ``.hdf5`` in the published layout.
+            ``.h5`` / ``.hdf5`` in the published format.
         config: Model that the weights must fit; its warp and feature statistics may differ. By
-            default the model that the file names, for the published layout ``occcasnet``.
+            default the model that the file names, for the published format ``occcasnet``.
         warp: Warp to use instead of that of the training, which is ``"transposed"`` for the
-            published layout; see :class:`OccCasNetConfig`.
+            published format; see :class:`OccCasNetConfig`.
 
     Returns:
         ``variables`` and the configuration.
@@ -91,17 +91,17 @@ def load_weights(
     if suffix in HDF5_SUFFIXES:
         published = preset("occcasnet") if config is None else config
         if not isinstance(published, OccCasNetConfig):
-            raise InputError(f"{path}: the published layout holds weights of OccCasNet only")
+            raise InputError(f"{path}: the published format is for weights of OccCasNet only")
         published = dataclasses.replace(published, warp=warp or "transposed")
         return load_published_weights(path, published), published
     if suffix != ".safetensors":
         raise InputError(
             f"{path}: not a file of weights; pass .safetensors, or .h5 or .hdf5 for the published "
-            "layout"
+            "format"
         )
     variables, stored = _load_safetensors(path)
     if config is not None:
-        difference = first_difference(_meaning(config), _meaning(stored))
+        difference = first_difference(_compared_fields(config), _compared_fields(stored))
         if difference is not None:
             raise InputError(f"{path}: was made for another model: {difference}")
     if warp is None:
@@ -111,8 +111,8 @@ def load_weights(
     return variables, dataclasses.replace(stored, warp=warp)
 
 
-def _meaning(config: ModelConfig) -> dict:
-    """Return the fields that change shape or meaning of a weight."""
+def _compared_fields(config: ModelConfig) -> dict:
+    """Return the fields that must agree for weights to fit a model."""
     if isinstance(config, OccCasNetConfig):
         config = dataclasses.replace(config, warp="correct", feature_statistics="pooled")
     return json.loads(config_to_json(config))
@@ -131,7 +131,7 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
         config = config_from_json(metadata["config"])
     except (KeyError, ValueError) as error:
         raise InputError(
-            f"{path}: holds no model configuration of this version; was it written by occjax?"
+            f"{path}: holds no model configuration of this version; pass a file that occjax wrote"
         ) from error
     flat = convert_legacy_names(flat)
     _check_fit(path, flat, config)

@@ -23,7 +23,7 @@ def occlusion_maps(
 
     ``M = clip(|I_centre - warp(I, d)|_1, 0, 1)``: 0 where a view sees the same point as the centre
     view, towards 1 where the point is occluded (or the disparity is wrong). The gradient is zero
-    where M is clipped at 1; where a view agrees exactly, it is that of one side, and finite.
+    where M is clipped at 1, and finite where a view agrees exactly.
 
     Args:
         views: ``[v, u, h, w, c]`` images in [0, 1]; the published network uses grey images, c = 1.

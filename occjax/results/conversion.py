@@ -19,7 +19,7 @@ from occjax.lightfield import Calibration, to_unit_float
 from occjax.ops.geometry import back_project, in_double, surface_normals
 
 METRES = "metres; x right, y up, z to the viewer; centre camera at the origin"
-RELIEF = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
+PIXELS = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
 
 
 class PointCloud(NamedTuple):
@@ -27,7 +27,7 @@ class PointCloud(NamedTuple):
 
     Attributes:
         points: ``[H, W, 3]`` x to the right, y up, z to the viewer; NaN is no point.
-        unit: Unit of the coordinates, in words: :data:`METRES` or :data:`RELIEF`.
+        unit: Unit of the coordinates, in words: :data:`METRES` or :data:`PIXELS`.
     """
 
     points: np.ndarray
@@ -89,9 +89,9 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
     """Compute the points in space of the pixels of the centre view.
 
     With a calibration they are in metres from the centre camera
-    (:func:`occjax.ops.back_project`). Without one they are a relief of the disparity in pixels,
-    ``(x - x0, y0 - y, disparity * max(H, W) / 8)``: the order in depth is right, its scale is
-    arbitrary.
+    (:func:`occjax.ops.back_project`). Without one they are in pixels,
+    ``(x - x0, y0 - y, disparity * max(H, W) / 8)``: nearer points are in front, and the scale of
+    depth is arbitrary.
 
     Args:
         content: Disparity or depth ``[H, W]`` of the centre view.
@@ -116,8 +116,8 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
     height, width = content.values.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
     towards_viewer = np.asarray(content.values, np.float64) * max(height, width) / 8.0
-    relief = np.stack([x - 0.5 * (width - 1), 0.5 * (height - 1) - y, towards_viewer], axis=-1)
-    return PointCloud(relief, RELIEF)
+    points = np.stack([x - 0.5 * (width - 1), 0.5 * (height - 1) - y, towards_viewer], axis=-1)
+    return PointCloud(points, PIXELS)
 
 
 def write_points(

@@ -7,7 +7,7 @@
 ``confidence.png``    confidence in [0, 1]
 ``occlusion.png``     occlusion map of each view, if the estimate has them; white is occluded
 ``depth.npy``         ``[H, W]`` float32 metres, if the light field is calibrated
-``points.ply``        coloured points: metres if calibrated, else a relief in pixels; pixels
+``points.ply``        coloured points: metres if calibrated, else pixels; image pixels
                       without signal (:func:`has_signal`) are left out
 ``error.png``         signed error, if there is ground truth
 ``comparison.png``    centre view, ground truth, estimate and error next to each other
@@ -149,8 +149,8 @@ def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray)
     notes = []
     if light_field.calibration is None:
         notes.append(
-            "no calibration: points.ply is a relief in pixels whose depth has no true scale, "
-            "and there is no depth.npy"
+            "no calibration: the points in points.ply are in pixels and their depth has no true "
+            "scale; depth.npy is not written"
         )
     if not signal.all():
         notes.append(

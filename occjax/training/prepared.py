@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -29,7 +28,7 @@ from occjax.data.sources import check_batch_size
 from occjax.data.transforms import Symmetry, turn_images, turn_offsets
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
+from occjax.io.files import decoding
 from occjax.io.run_folder import open_run_folder, read_description
 from occjax.models import ProposalConfig, ProposalNet
 from occjax.models.config_json import config_to_json
@@ -177,6 +176,8 @@ def prepared_source(
         folder, PREPARATION, description, contents="prepared light fields", may_differ=("seed",)
     )
 
+    whole = dataclasses.replace(augmentation, crop=None)  # other crops share a compiled program
+
     @lru_cache(maxsize=2)
     def order(epoch: int) -> np.ndarray:
         return np.random.default_rng((seed, epoch)).permutation(len(files))
@@ -186,7 +187,7 @@ def prepared_source(
         if not path.exists():
             sample = select_views(read_sample(files[number]), network.views)
             key = jax.random.fold_in(jax.random.key(stored["seed"]), number)
-            write_prepared(path, prepare(key, to_device(sample), network, augmentation))
+            write_prepared(path, prepare(key, to_device(sample), network, whole))
         return read_prepared(path)
 
     def source(step: int) -> PreparedSample:
@@ -363,12 +364,11 @@ def read_prepared(path: Path) -> PreparedSample:
     Raises:
         InputError: If the file cannot be read or is damaged.
     """
-    try:
-        with reading(path), path.open("rb") as file, np.load(file) as stored:
-            packed = PackedProposals(*(stored[name] for name in PackedProposals._fields))
-            return PreparedSample(packed, stored["truth"], stored["valid"])
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: is damaged; remove it, and it is computed again") from error
+    kind, remedy = "a prepared light field", "remove it, and it is computed again"
+    # Opened here because NumPy does not close a damaged file.
+    with decoding(path, kind, remedy=remedy), path.open("rb") as file, np.load(file) as stored:
+        packed = PackedProposals(*(stored[name] for name in PackedProposals._fields))
+        return PreparedSample(packed, stored["truth"], stored["valid"])
 
 
 def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:

@@ -15,10 +15,11 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from occjax.data.samples import LightFieldSample
+from occjax.models import ModelConfig
 from occjax.training.config import TrainConfig
 from occjax.training.optimiser import make_optimiser
 from occjax.training.prepared import PreparedSample
-from occjax.training.tasks import TrainingTask, task_of
+from occjax.training.tasks import task_of
 
 Batch = LightFieldSample | PreparedSample
 """Training examples with a leading axis on every field: light fields, or prepared proposals."""
@@ -69,12 +70,12 @@ def init_state(config: TrainConfig, batch: Batch) -> TrainState:
         ['batch_stats', 'params']
     """
     example = jax.tree.map(lambda field: jnp.asarray(field[0]), batch)
-    return state_of(_init(jax.random.key(config.seed), example, config), config)
+    return state_of(_init(jax.random.key(config.seed), example, config.network), config)
 
 
-@partial(jax.jit, static_argnames="config")
-def _init(key: Array, example: Batch, config: TrainConfig) -> dict:
-    return _task(config).init(key, example)
+@partial(jax.jit, static_argnames="network")
+def _init(key: Array, example: Batch, network: ModelConfig) -> dict:
+    return task_of(network).init(key, example)
 
 
 def state_of(variables: dict, config: TrainConfig) -> TrainState:
@@ -127,7 +128,7 @@ def train_step(
             for step in range(100):
                 state, metrics = train_step(state, source(step), config=tiny.train)
     """
-    task = _task(config)
+    task = task_of(config.network, config.loss, config.precision)
 
     def loss_of(params):
         return task.loss(params, state.batch_stats, batch)
@@ -172,7 +173,3 @@ def shardings(batch_size: int) -> tuple[NamedSharding, NamedSharding]:
     devices = jax.devices()
     mesh = Mesh(np.array(devices[: math.gcd(batch_size, len(devices))]), ("devices",))
     return NamedSharding(mesh, PartitionSpec("devices")), NamedSharding(mesh, PartitionSpec())
-
-
-def _task(config: TrainConfig) -> TrainingTask:
-    return task_of(config.network, config.loss, config.precision)

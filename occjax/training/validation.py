@@ -149,10 +149,15 @@ def scenes_from_folders(
             the model takes.
 
     Example:
-        ::
-
-            config = recipe("proposal").train
-            scenes = scenes_from_folders(["scenes/cotton"], config, views="outer_star")
+        >>> import tempfile
+        >>> from occjax.data.bundled_sample import sample
+        >>> from occjax.io import write_arrays
+        >>> from occjax.training import recipe
+        >>> path = Path(tempfile.mkdtemp()) / "cotton.npz"
+        >>> write_arrays(path, sample().central(3, 3))
+        >>> scenes = scenes_from_folders([path], recipe("proposal").train, views="outer_star")
+        >>> scenes[0].name, scenes[0].sample.views.shape
+        ('cotton', (1, 9, 256, 256))
     """
     selection = task_of(config.network).view_selection(views)
     scenes = []

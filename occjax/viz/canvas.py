@@ -96,11 +96,11 @@ class Canvas:
         rectangle: tuple[int, int, int, int],
         *,
         ticks: list[float] | None = None,
-        cut: str = "neither",
+        extend: str = "neither",
     ) -> None:
         """Add a colour bar along the longer side of a rectangle (left, top, width, height).
 
-        ``cut`` (neither, min, max or both) names the ends that are pointed because values lie
+        ``extend`` (neither, min, max or both) names the ends that are drawn as arrows: values lie
         beyond them.
         """
         axes = self.axes(*rectangle)
@@ -110,7 +110,7 @@ class Canvas:
             cax=axes,
             orientation="vertical" if upright else "horizontal",
             ticks=ticks,
-            extend=cut,
+            extend=extend,
         )
         bar.set_label(label, fontsize=9.5, color=TEXT)
         bar.ax.tick_params(labelsize=8.5, length=3, width=0.7, color=TEXT, labelcolor=TEXT)
@@ -125,18 +125,18 @@ def map_canvas(
     title: str,
     label: str,
     ticks: list[float] | None = None,
-    cut: str = "neither",
+    extend: str = "neither",
 ) -> tuple[Canvas, Axes]:
     """Draw a map with a title above and a colour bar to its right, or below if the map is wide.
 
     Args:
-        values: ``[H, W]`` map, or ``[H, W, 3]`` colours already chosen.
+        values: ``[H, W]`` map, or ``[H, W, 3]`` RGB image.
         norm: Range of the bar.
         colours: Colours of the bar.
         title: Line above the map.
         label: Quantity and unit of the bar.
         ticks: Values to mark on the bar.
-        cut: Ends of the range with values beyond them: neither, min, max or both.
+        extend: Ends of the range with values beyond them: neither, min, max or both.
 
     Returns:
         The figure, and the axes that contain the map.
@@ -158,7 +158,7 @@ def map_canvas(
         bar = (left + width + 12, top, BAR_WIDTH, length)
     canvas.title(title, left)
     axes = canvas.image(values, left, top, zoom, colours=colours, norm=norm)
-    canvas.bar(norm, colours, label, bar, ticks=ticks, cut=cut)
+    canvas.bar(norm, colours, label, bar, ticks=ticks, extend=extend)
     return canvas, axes
 
 

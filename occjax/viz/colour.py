@@ -1,6 +1,6 @@
-"""Colours of maps, and the range of values that they cover.
+"""Colour maps, and the range of values that they cover.
 
-All maps use perceptually uniform colours, so that equal steps of a value look equally large.
+All colour maps are perceptually uniform: equal steps of a value look equally large.
 """
 
 from __future__ import annotations
@@ -103,15 +103,18 @@ def disparity_limits(
     )
 
 
-def cut_ends(norm: Normalize, *maps: np.ndarray) -> str:
-    """Name the ends of a range that values exceed: neither, min, max or both.
+def colourbar_extend(norm: Normalize, *maps: np.ndarray) -> str:
+    """Return ``extend`` for a matplotlib colour bar: the ends of the range that values exceed.
 
     Args:
         norm: The range.
         maps: Arrays of any shape.
 
+    Returns:
+        ``"neither"``, ``"min"``, ``"max"`` or ``"both"``.
+
     Example:
-        >>> cut_ends(Normalize(0.0, 1.0), np.array([0.5, 2.0]), np.array([np.nan]))
+        >>> colourbar_extend(Normalize(0.0, 1.0), np.array([0.5, 2.0]), np.array([np.nan]))
         'max'
     """
     values = np.concatenate([_finite(one) for one in maps])

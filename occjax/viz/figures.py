@@ -19,8 +19,8 @@ from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zo
 from occjax.viz.colour import (
     MISSING,
     NO_VALUE,
+    colourbar_extend,
     confidence_colours,
-    cut_ends,
     disparity_colours,
     disparity_limits,
     error_colours,
@@ -52,7 +52,7 @@ def disparity_figure(
         disparity: ``[H, W]`` pixels per view step.
         confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours
             (:func:`occjax.viz.colour.disparity_limits`). Ends of the bar that values exceed are
-            pointed.
+            drawn as arrows.
         ground_truth: ``[H, W]`` pixels per view step, which the range of the colours covers.
 
     Returns:
@@ -69,7 +69,7 @@ def disparity_figure(
 def depth_figure(depth: np.ndarray) -> Figure:
     """Draw a depth map with its colour bar; near is yellow and far dark blue, as for disparity.
 
-    The least and the greatest thousandth of the values do not widen the range of the colours
+    The lowest and the highest 0.1 % of the values do not widen the range of the colours
     (:func:`occjax.viz.colour.disparity_limits`).
 
     Args:
@@ -205,7 +205,7 @@ def comparison_figure(
         ['Centre view', 'Estimate']
     """
     norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
-    cut = cut_ends(norm, disparity)
+    extend = colourbar_extend(norm, disparity)
     step = -(-max(disparity.shape) // MAX_PANEL_PX)
     centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)
     # Disparities are subsampled, since an average across an edge lies on neither side of it.
@@ -234,7 +234,7 @@ def comparison_figure(
     bar_top = top + height * zoom + 10
     # The labels of the lowest and the highest value are centred below the ends of the bar.
     bar = (lefts[1] + 8, bar_top, len(maps) * (panel + gap) - gap - 16, 12)
-    canvas.bar(norm, colours, DISPARITY_LABEL, bar, cut=cut)
+    canvas.bar(norm, colours, DISPARITY_LABEL, bar, extend=extend)
 
     if ground_truth is not None:
         norm, colours, ticks = error_scale()
@@ -291,8 +291,8 @@ def _map_figure(
 ) -> Figure:
     """Draw one map; the title explains grey pixels if there are any."""
     title += "" if np.isfinite(values).all() else "   (grey: no value)"
-    cut = cut_ends(norm, values)
-    return map_canvas(values, norm, colours, title=title, label=label, cut=cut)[0].figure
+    extend = colourbar_extend(norm, values)
+    return map_canvas(values, norm, colours, title=title, label=label, extend=extend)[0].figure
 
 
 def _shrink(images: np.ndarray, step: int) -> np.ndarray:

@@ -163,9 +163,9 @@ def test_a_map_of_another_size_than_the_camera_is_warned_about(run, scene):
     ("arguments", "reason"),
     [
         (("absent.pfm", "map.npy"), "absent.pfm: there is no such file"),
-        (("disparity.pfm", "map.tif"), "end in .npy, .pfm, .ply, .png"),
+        (("disparity.pfm", "map.tif"), "use one of the suffixes .npy, .pfm, .ply, .png"),
         (("disparity.pfm", "map.ply", "--to", "depth"), "depth cannot be written as .ply"),
-        (("disparity.pfm", "map.npy", "--to", "points"), "end the name in .ply"),
+        (("disparity.pfm", "map.npy", "--to", "points"), "use the suffix .ply"),
         (("disparity.pfm", "map.npy", "--picture"), "a picture is a .png"),
         (("disparity.pfm", "n.png", "--to", "normals", "--picture"), "leave out --picture"),
         (("disparity.pfm", "map.npy", "--to", "depth"), "pass --parameters FILE, or --scene"),

@@ -45,6 +45,8 @@ def test_help_lists_all_commands(run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("estimat", "scene"), "estimat is not a command; did you mean estimate"),
+        (("scene.npz",), "the commands are estimate, demo, check"),
         (("estimate", "absent", "-o", "out"), "absent"),
         (("estimate", "-o", "out"), "pass at least one scene"),
         (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),
@@ -74,6 +76,7 @@ def test_weights_in_the_package_are_listed(run):
     assert "sha256" in out
 
 
+@pytest.mark.slow
 def test_pool_is_rendered_and_explains_how_to_train_on_it(run, tmp_path):
     scenes = ["--scenes.image-size", 16, 16, "--scenes.grid", 3, 3, "--scenes.views", "all"]
     few = ["--scenes.walls", 1, "--scenes.sheets", 1, "--scenes.solids", 1]

@@ -86,9 +86,9 @@ def test_measures_of_regions_need_a_scene(run, scene):
     assert "is the folder of a scene" in err
 
 
-def test_check_names_the_layout_and_how_to_pass_it(run, scene):
+def test_check_names_the_view_order_and_how_to_pass_it(run, scene):
     code, out, err = run("check", scene)
     assert (code, err) == (0, "")
-    assert "layout: as declared" in out
+    assert "view order: as declared" in out
     _, out, _ = run("check", scene, "--order", "uv")
     assert "rows and columns swapped; pass --order vu" in out

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import occjax
+from occjax.errors import InputError
 from occjax.estimators import estimate, estimate_occlusion, export_estimator, run_estimator
 from occjax.estimators.driver import _compile
 from tests.scenes import plane
@@ -23,6 +24,7 @@ def median_error(result, light_field):
     return np.median(np.abs(result.disparity - light_field.ground_truth)[6:-6, 6:-6])
 
 
+@pytest.mark.slow
 def test_photometric_estimate_of_a_slanted_plane(estimators, scene):
     phases = []
     result = run_estimator(
@@ -64,6 +66,17 @@ def test_two_runs_give_identical_results_of_two_stages(name, estimators, scene):
     assert one.weights == (None if name == "photometric" else f"{name}.safetensors")
 
 
+def test_array_of_views_is_estimated_like_the_light_field(estimators, scene):
+    views = estimate(scene.views, model=estimators["tiny"], disparity_range=RANGE)
+    light_field = estimate(scene, model=estimators["tiny"], disparity_range=RANGE)
+    np.testing.assert_array_equal(views.disparity, light_field.disparity)
+
+
+def test_path_is_refused_with_the_call_that_reads_it(tmp_path):
+    with pytest.raises(InputError, match=r"is a path; pass occjax\.load\('.*scene.npz'\)"):
+        estimate(str(tmp_path / "scene.npz"))
+
+
 def test_light_fields_of_one_shape_are_compiled_once(estimators, scene):
     run_estimator(estimators["photometric"], scene, disparity_range=RANGE)
     before = _compile.cache_info().misses
@@ -87,7 +100,7 @@ def test_occlusion_maps_are_zero_only_at_the_true_disparity(scene):
         estimate_occlusion(scene, scene.ground_truth + np.float32(error)) for error in (0.0, 0.5)
     )
     np.testing.assert_array_equal(right[1, 1], np.zeros(scene.image_size))
-    assert 5 * right[..., 4:-4, 4:-4].mean() < wrong[..., 4:-4, 4:-4].mean()
+    assert 2 * right[..., 4:-4, 4:-4].mean() < wrong[..., 4:-4, 4:-4].mean()
 
 
 @pytest.mark.parametrize("name", ["photometric", "tiny"])

@@ -109,7 +109,7 @@ def test_many_disparities_at_a_limit_are_noted(low, high, limit):
         ({"model": "photometric", "weights": "w.h5"}, "takes no weights"),
         ({"model": "photometric", "warp": "correct"}, "has no warp"),
         ({"warp": "correct"}, "has no warp option"),
-        ({"precision": "float16"}, "float32 or bfloat16"),
+        ({"precision": "float16"}, "'float32' or 'bfloat16'"),
         ({"weights": "absent.safetensors"}, "absent.safetensors: there is no such file"),
     ],
 )

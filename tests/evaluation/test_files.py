@@ -60,7 +60,11 @@ def test_whole_numbers_are_disparities_too(tmp_path):
     [
         ("bad.npy", lambda path: None, "no such file"),
         ("bad.pfm", lambda path: None, "no such file"),
-        ("bad.txt", lambda path: path.write_bytes(b"1 2"), r"pass a .pfm, .npy or .png file"),
+        (
+            "bad.txt",
+            lambda path: path.write_bytes(b"1 2"),
+            r"pass a .pfm, .npy, .png, .tif or .exr file",
+        ),
         ("bad.png", lambda path: path.write_bytes(b"png"), "cannot be decoded"),
         ("bad.pfm", lambda path: path.write_bytes(b"P5 2 2"), "not a PFM file"),
         ("bad.npy", lambda path: path.write_bytes(b""), "as a NumPy file"),

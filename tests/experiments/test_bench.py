@@ -88,6 +88,7 @@ def test_peer_has_the_same_training_steps(framework, batch):
         np.testing.assert_allclose(answer(theirs), answer(own), rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_inference_in_bfloat16_is_close(problem):
     full = answer(ours.build(problem))
     with jax.numpy_dtype_promotion("standard"):  # BatchNorm's statistics are float32
@@ -161,6 +162,7 @@ def test_candidates_on_a_gpu():
         inference_candidates(config, 256, "gpu", "bfloat16", ("tensorflow",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measure", ["median difference", "largest difference"])
 def test_deviating_answer_is_not_timed(problem, measure):
     bounds = {"median difference": 1.0, "largest difference": 10.0, measure: 1e-6}
@@ -209,6 +211,7 @@ def test_smoke_test_of_training(script, tmp_path):
     assert numbers[1]["flops"] == 2 * 3 * count_flops(small_form(preset("occcasnet")), (16, 16))
 
 
+@pytest.mark.slow
 def test_wrong_options_give_one_line(script):
     code, _, said = script(bench.run, "--small", "--peers", "theano")
     assert (code, said.count("\n")) == (2, 1)

@@ -22,6 +22,7 @@ def run(script):
 TRIAL = ("--small", "--model", "photometric")
 
 
+@pytest.mark.slow
 def test_smoke_test_makes_a_submission_and_resumes(run, tmp_path):
     file = tmp_path / "one.zip"
     code, out, err = run("make", *TRIAL, "-o", file, "--scenes", "dino")

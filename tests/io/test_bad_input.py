@@ -138,7 +138,7 @@ def test_options_that_do_not_fit_the_folder(tmp_path, options, words):
 @pytest.mark.parametrize(
     ("name", "removed", "words"),
     [
-        (lambda v, u: f"a{v}b{u}.png", None, ["a0b0.png", "--pattern"]),
+        (lambda v, u: f"{'pqrstuvwx'[v] * 2}.png", None, ["pp.png", "--pattern"]),
         (
             lambda v, u: f"x_{v + 1:02d}_{u + 1:02d}.png",
             "x_02_03.png",
@@ -239,7 +239,7 @@ def npy_of_petabytes(path):
 
 def hdf5_without_views(path):
     with h5py.File(path, "w") as file:
-        file["model_weights"] = 1.0
+        file["model/weights"] = np.ones((3, 2, 4))
 
 
 def npz_cut_short(path):
@@ -268,7 +268,7 @@ def npy_cut_short(path):
         ),
         ("scene.npy", npy_of_petabytes, ["NumPy file", "Unable to allocate"]),
         ("scene.h5", lambda path: path.write_text("nothing"), ["HDF5"]),
-        ("scene.h5", hdf5_without_views, ["'LF'", "model_weights"]),
+        ("scene.h5", hdf5_without_views, ["no array of views", "model/weights [3, 2, 4]", "--key"]),
     ],
 )
 def test_files_that_are_no_light_field(tmp_path, name, write, words):

@@ -1,15 +1,12 @@
-import sys
 import warnings
 
-import h5py
 import numpy as np
 import pytest
 from PIL import Image
 
-from occjax.errors import InputError
 from occjax.io import (
     GridWarning,
-    LayoutWarning,
+    ViewOrderWarning,
     load,
     read_arrays,
     write_arrays,
@@ -37,7 +34,7 @@ def load_unchecked(path, **options):
 def test_hci_folder(tmp_path, views):
     folder = save_views(tmp_path / "boxes", views, hci)
     (folder / "parameters.cfg").write_text(CONFIG)
-    truth = np.arange(20 * 24, dtype=np.float32).reshape(20, 24)
+    truth = np.arange(20 * 24, dtype=np.float32).reshape(20, 24) / 100
     write_pfm(folder / "gt_disp_lowres.pfm", truth)
     light_field = load_unchecked(folder)
     np.testing.assert_array_equal(light_field.views, views)
@@ -177,37 +174,6 @@ def test_written_arrays_are_read_back(tmp_path, views):
     assert again.disparity_range == (-1.0, 2.5)
 
 
-def test_old_hci_files_have_disparity_from_depth(tmp_path, views):
-    """A camera 0.02 m from its neighbour, 600 pixels of focal length, converging at 4 m."""
-    depth = np.linspace(3.0, 6.0, 20 * 24, dtype=np.float32).reshape(20, 24)
-    with h5py.File(tmp_path / "buddha.h5", "w") as file:
-        file["LF"] = views
-        file["GT_DEPTH"] = np.broadcast_to(depth, (3, 3, 20, 24))
-        file.attrs.update({"dH": [0.02], "focalLength": 600.0, "camDistance": 4.0, "vRes": 3})
-    light_field = load_unchecked(tmp_path / "buddha.h5")
-    np.testing.assert_array_equal(light_field.views, views)
-    expected = 0.02 * 600 / depth - 0.02 * 600 / 4.0
-    np.testing.assert_allclose(light_field.ground_truth, expected, atol=1e-5)
-    again = light_field.calibration.depth(light_field.ground_truth, light_field.image_size)
-    np.testing.assert_allclose(again, depth, rtol=1e-4)
-
-
-def test_old_hci_files_without_camera_have_only_views(tmp_path, views):
-    with h5py.File(tmp_path / "buddha.h5", "w") as file:
-        file["LF"] = views
-        file["GT_DEPTH"] = np.ones((20, 24))
-    light_field = load_unchecked(tmp_path / "buddha.h5")
-    assert light_field.calibration is None
-    assert light_field.ground_truth is None
-
-
-def test_a_missing_h5py_is_reported_with_the_install_command(tmp_path, monkeypatch):
-    (tmp_path / "buddha.h5").touch()
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(InputError, match=r"buddha\.h5.*pip install 'occjax\[published\]'"):
-        load(tmp_path / "buddha.h5")
-
-
 def test_order_and_flip_undo_how_the_files_are_stored(tmp_path, views):
     folder = save_views(tmp_path, views, lambda v, u: f"{u}_{2 - v}.png")
     loaded = load_unchecked(folder, order="uv", flip="v", name="mine")
@@ -225,7 +191,7 @@ def test_a_wrong_order_is_warned_about_with_the_right_options(tmp_path):
     views = two_planes()[0]
     swapped = Orientation(swap=True, flip_rows=True).apply(LightField(views)).views
     np.save(tmp_path / "scene.npy", swapped)
-    with pytest.warns(LayoutWarning, match=r"scene\.npy.*pass order \(--order uv\)") as caught:
+    with pytest.warns(ViewOrderWarning, match=r"scene\.npy.*pass order \(--order uv\)") as caught:
         load(tmp_path / "scene.npy")
     assert "\n" not in str(caught[0].message)
     assert "and flip (--flip u)" in str(caught[0].message)
@@ -233,7 +199,7 @@ def test_a_wrong_order_is_warned_about_with_the_right_options(tmp_path):
         warnings.simplefilter("error")
         corrected = load(tmp_path / "scene.npy", order="uv", flip="u")
     np.testing.assert_array_equal(corrected.views, views)
-    with pytest.warns(LayoutWarning, match=r"pass order \(--order uv\) and flip \(--flip u\)"):
+    with pytest.warns(ViewOrderWarning, match=r"pass order \(--order uv\) and flip \(--flip u\)"):
         load(tmp_path / "scene.npy", order="vu", flip="u")
 
 
@@ -244,14 +210,14 @@ def test_of_two_equally_likely_orders_the_simpler_comes_first(tmp_path):
     np.save(tmp_path / "wall.npy", np.float32(columns))
     advice = r"pass order \(--order uv\) alone or pass order \(--order uv\) and flip \(--flip vu\)$"
     for flip in ("", "vu"):
-        with pytest.warns(LayoutWarning, match=advice):
+        with pytest.warns(ViewOrderWarning, match=advice):
             load(tmp_path / "wall.npy", flip=flip)
 
 
 def test_unrelated_views_are_warned_about(tmp_path):
     noise = np.random.default_rng(0).integers(0, 256, (5, 5, 64, 64, 1), np.uint8)
     np.save(tmp_path / "noise.npy", noise)
-    with pytest.warns(LayoutWarning, match="no layout of the 5x5 views is consistent"):
+    with pytest.warns(ViewOrderWarning, match="no view order of the 5x5 grid is consistent"):
         load(tmp_path / "noise.npy")
 
 

@@ -80,8 +80,8 @@ def test_of_a_folder_of_results_the_disparity_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "write", "options", "reason"),
     [
-        ("map.txt", lambda path: path.write_text("1 2"), {}, r"\.pfm, \.npy or \.png"),
-        ("map", lambda path: path.write_text("1 2"), {}, r"\.pfm, \.npy or \.png"),
+        ("map.txt", lambda path: path.write_text("1 2"), {}, r"\.npy, \.png, \.tif or \.exr"),
+        ("map", lambda path: path.write_text("1 2"), {}, r"\.npy, \.png, \.tif or \.exr"),
         ("map.npz", lambda path: np.savez(path, VALUES), {}, r"save the map alone, as a \.npy"),
         ("map.npy", lambda path: np.save(path, np.zeros((2, 2, 3))), {}, r"\[2, 2, 3\], not a map"),
         ("map.npy", lambda path: np.save(path, np.zeros((0, 3))), {}, r"\[0, 3\], not a map"),

@@ -65,3 +65,18 @@ def test_black_outer_views_do_not_hide_the_arrangement(visible):
     views[np.hypot(v, u) > visible + 1] = 0
     assert detect_mosaic(join_macpi(views), (14, 14)) == "macpi"
     assert detect_mosaic(join_tiles(views), (14, 14)) == "tiled"
+
+
+@pytest.mark.parametrize("name", ["bee_qs4x3a0.75.png", "bee.png"])
+def test_a_quilt_is_one_row_of_views_from_the_bottom_left_tile(tmp_path, name):
+    views = np.round(two_planes((1, 12), (40, 48), far=-0.2, near=0.5)[0] * 255).astype(np.uint8)
+    quilt = join_tiles(views.reshape(3, 4, *views.shape[2:])[::-1])
+    Image.fromarray(np.pad(quilt, ((2, 0), (0, 3), (0, 0)))).save(tmp_path / name)
+    options = {} if "qs" in name else {"layout": "quilt", "grid": (3, 4)}
+    np.testing.assert_array_equal(load(tmp_path / name, **options).views, views)
+
+
+def test_a_quilt_needs_its_tiles(tmp_path):
+    Image.fromarray(np.zeros((20, 20), np.uint8)).save(tmp_path / "bee.png")
+    with pytest.raises(InputError, match=r"a quilt needs its tiles; pass grid \(--grid ROWS COL"):
+        load(tmp_path / "bee.png", layout="quilt")

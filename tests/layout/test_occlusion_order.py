@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from occjax.layout.config import LayoutConfig
+from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import box_mean, view_cross
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import Orientation
@@ -12,7 +12,7 @@ from tests.io.scenes import two_planes
 @pytest.fixture(scope="module")
 def scene():
     views, disparity = two_planes()
-    return view_cross(LightField(views), 256, LayoutConfig()), disparity
+    return view_cross(LightField(views), 256, ViewOrderConfig()), disparity
 
 
 @pytest.mark.parametrize("spread", [0, 2, 3])

@@ -6,7 +6,7 @@ import pytest
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
 from occjax.io import join_macpi, join_tiles, load, read_pfm, split_macpi, split_tiles
-from occjax.layout import ORIENTATIONS, LayoutConfig, Orientation, check, disparity_range_of
+from occjax.layout import ORIENTATIONS, Orientation, ViewOrderConfig, check, disparity_range_of
 from occjax.lightfield import LightField
 from tests.io.scenes import texture, two_planes
 
@@ -19,7 +19,7 @@ def scene():
 
 
 @pytest.mark.parametrize("stored", ORIENTATIONS, ids=lambda orientation: orientation.name)
-def test_each_of_the_eight_layouts_is_recognised(scene, stored):
+def test_each_of_the_eight_view_orders_is_recognised(scene, stored):
     report = check(stored.apply(scene))
     assert stored.then(report.best) == DECLARED
     assert report.clearly_worse == (stored != DECLARED)
@@ -60,7 +60,7 @@ def test_nothing_depends_on_the_exposure(scene, gain):
 
 @pytest.mark.parametrize("grid", [(3, 3), (2, 2), (3, 5), (4, 4)])
 def test_small_and_uneven_grids_are_measured(grid):
-    """Flipping an even grid makes another view the centre, so there the layouts that keep it."""
+    """Flipping an even grid makes another view the centre, so there the orders that keep it."""
     scene = LightField(two_planes(grid)[0])
     report = check(scene)
     assert not report.clearly_worse
@@ -125,7 +125,7 @@ def test_pure_noise_is_not_called_wrong_but_implausible(size):
     assert report.measured_fraction == 0.0
 
 
-def test_copies_of_one_view_are_plausible_in_every_layout(scene):
+def test_copies_of_one_view_are_plausible_in_every_view_order(scene):
     same = np.broadcast_to(scene.centre, scene.views.shape)
     report = check(LightField(np.ascontiguousarray(same)))
     assert report.plausible
@@ -173,7 +173,7 @@ def test_positions_that_are_all_the_same_are_refused(scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
-def test_real_light_fields_are_recognised_in_all_eight_layouts(shared, scene):
+def test_real_light_fields_are_recognised_in_all_eight_view_orders(shared, scene):
     light_field = load(shared / "data" / scene, check_orientation=False)
     for stored in ORIENTATIONS:
         report = check(stored.apply(light_field))
@@ -280,9 +280,9 @@ def test_the_range_is_declared_or_measured_and_explained(scene):
 def test_a_report_is_measured_once_and_belongs_to_its_views(tmp_path, scene):
     np.save(tmp_path / "scene.npy", scene.views)
     loaded = load(tmp_path / "scene.npy")
-    assert loaded.layout_report is not None
-    assert check(loaded) is loaded.layout_report
-    assert check(loaded, LayoutConfig(fine_size_px=48)) is not loaded.layout_report
-    assert loaded.central(3, 3).layout_report is None
-    assert Orientation(swap=True).apply(loaded).layout_report is None
-    assert load(tmp_path / "scene.npy", check_orientation=False).layout_report is None
+    assert loaded.view_order_report is not None
+    assert check(loaded) is loaded.view_order_report
+    assert check(loaded, ViewOrderConfig(fine_size_px=48)) is not loaded.view_order_report
+    assert loaded.central(3, 3).view_order_report is None
+    assert Orientation(swap=True).apply(loaded).view_order_report is None
+    assert load(tmp_path / "scene.npy", check_orientation=False).view_order_report is None

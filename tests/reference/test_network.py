@@ -12,6 +12,7 @@ from tests.reference.published_layout import (
 )
 
 
+@pytest.mark.slow
 def test_reference_agrees_with_the_published_implementation(shared):
     folder = shared / "parity"
     weights = Weights.from_names(read_published_layout(folder / "official_layout_weights.h5"))

@@ -8,7 +8,7 @@ from occjax.io.maps import Map
 from occjax.lightfield import Calibration
 from occjax.results.conversion import (
     METRES,
-    RELIEF,
+    PIXELS,
     convert_map,
     normals,
     point_cloud,
@@ -74,7 +74,7 @@ def test_depth_and_its_disparity_have_the_same_points():
 def test_points_without_calibration_are_nearer_where_disparity_is_larger():
     cloud = point_cloud(Map(np.array([[0.0, 1.0]]), "disparity"), None)
     assert cloud.points[0].tolist() == [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.25]]
-    assert cloud.unit == RELIEF
+    assert cloud.unit == PIXELS
 
 
 def test_depth_without_calibration_has_no_points():

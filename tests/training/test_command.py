@@ -149,6 +149,7 @@ def micro(monkeypatch):
     monkeypatch.setattr(command, "make_source", lambda *_: lambda step: planes(step, count=1))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("micro")
 def test_one_batch_is_overfitted(tmp_path, capsys):
     assert run(tmp_path / "run", "--overfit-one") == 0
@@ -157,6 +158,7 @@ def test_one_batch_is_overfitted(tmp_path, capsys):
     assert "one batch: loss" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("micro")
 def test_a_batch_whose_loss_does_not_halve_fails(tmp_path, capsys):
     arguments = ("--overfit-one", "--steps", 3, "--log-every", 1, "--optimiser.peak-rate", "1e-9")

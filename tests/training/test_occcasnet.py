@@ -16,6 +16,8 @@ from tests.ops.derivatives import assert_derivatives
 from tests.reference.variables import random_variables
 from tests.training.conftest import NETWORK
 
+compute_loss = jax.jit(cascade_loss, static_argnums=2)
+
 COARSE = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 FINE = np.array([-0.5, 0.0, 0.5])
 
@@ -67,7 +69,7 @@ def split_over_neighbours(candidates, truth):
 @pytest.mark.parametrize("border", [0, 2])
 def test_l1_is_the_sum_of_mean_errors_over_valid_pixels_inside_the_border(two_stages, border):
     outputs, sample = two_stages
-    loss, errors = cascade_loss(outputs, sample, LossConfig(border=border))
+    loss, errors = compute_loss(outputs, sample, LossConfig(border=border))
     counted = np.zeros(sample.valid.shape, bool)
     inside = np.s_[:, border : 6 - border, border : 8 - border]
     counted[inside] = np.asarray(sample.valid)[inside]
@@ -95,7 +97,7 @@ def test_cross_entropy_is_that_of_the_truth_split_over_two_candidates():
 
 def test_distribution_of_a_refined_stage_is_relative_to_the_stage_before(two_stages):
     outputs, sample = two_stages
-    loss, errors = cascade_loss(outputs, sample, LossConfig(distribution=0.5))
+    loss, errors = compute_loss(outputs, sample, LossConfig(distribution=0.5))
     terms = []
     for item in np.ndindex(sample.valid.shape):
         residual = float(sample.disparity[item] - outputs[0].disparity[item])
@@ -114,7 +116,7 @@ def test_a_stage_gets_no_gradient_from_the_distribution_of_the_next(two_stages):
 
     def distribution(disparity):
         moved = (outputs[0]._replace(disparity=disparity), outputs[1])
-        return cascade_loss(moved, sample, LossConfig(distribution=1.0))[1]["distribution_1"]
+        return compute_loss(moved, sample, LossConfig(distribution=1.0))[1]["distribution_1"]
 
     assert np.abs(jax.grad(distribution)(outputs[0].disparity)).max() == 0.0
     assert distribution(outputs[0].disparity + 0.1) != distribution(outputs[0].disparity)
@@ -127,19 +129,23 @@ def test_unknown_disparities_leave_loss_and_gradient_finite(two_stages, config):
     unknown = sample._replace(disparity=jnp.where(sample.valid, sample.disparity, jnp.nan))
     nothing = unknown._replace(valid=jnp.zeros_like(sample.valid))
 
+    @jax.jit
+    def loss_and_gradient(parts, sample):
+        return jax.value_and_grad(loss)(parts, sample)
+
     def loss(parts, sample):
         changed = [
             stage._replace(disparity=disparity, probabilities=probabilities)
             for stage, (disparity, probabilities) in zip(outputs, parts, strict=True)
         ]
-        return cascade_loss(tuple(changed), sample, config)[0]
+        return compute_loss(tuple(changed), sample, config)[0]
 
     parts = [(stage.disparity, stage.probabilities) for stage in outputs]
-    expected = cascade_loss(outputs, sample, config)[0]
-    np.testing.assert_allclose(loss(parts, unknown), expected, rtol=1e-6)
-    assert loss(parts, nothing) == 0.0
-    for case in (unknown, nothing):
-        for gradient in jax.tree.leaves(jax.grad(loss)(parts, case)):
+    expected = compute_loss(outputs, sample, config)[0]
+    for case, value in ((unknown, expected), (nothing, 0.0)):
+        found, gradients = loss_and_gradient(parts, case)
+        np.testing.assert_allclose(found, value, rtol=1e-6)
+        for gradient in jax.tree.leaves(gradients):
             assert np.isfinite(gradient).all()
 
 

@@ -162,7 +162,7 @@ def test_damaged_files_and_folders_of_something_else_are_named(pool, tmp_path):
     source = prepared_source([pool], tmp_path / "kept", NETWORK, **options)
     source(0)
     (tmp_path / "kept" / "000002.npz").write_bytes(b"nothing")
-    with pytest.raises(InputError, match=r"000002\.npz: is damaged"):
+    with pytest.raises(InputError, match=r"000002\.npz: cannot be decoded"):
         source(0)
     with pytest.raises(InputError, match="neither empty nor prepared"):
         prepared_source([pool], tmp_path, NETWORK, **options)

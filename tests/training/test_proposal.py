@@ -25,6 +25,8 @@ from occjax.training.prepared import DISPARITY_STEPS, PackedProposals, PreparedS
 from tests.reference.variables import random_variables
 from tests.training.conftest import PROPOSAL_NETWORK
 
+compute_errors = jax.jit(selection_errors, static_argnums=3)
+
 CONFIG = LossConfig(penalty="log", width=0.05, distribution=1.0, settled=0.25)
 
 
@@ -60,7 +62,7 @@ def test_errors_are_means_weighted_by_what_a_pixel_can_teach(selection):
         probability = (np.asarray(selection.probabilities)[:, *place] * accuracy).sum()
         entropies.append(-np.log(max(probability / max(accuracy.max(), 1e-3), 1e-6)))
     assert set(weights) == {0.0, 0.25, 1.0}
-    errors = selection_errors(selection, truth, jnp.asarray(valid), CONFIG)
+    errors = compute_errors(selection, truth, jnp.asarray(valid), CONFIG)
     for name, values in (("disparity", penalties), ("distribution", entropies)):
         expected = np.average(values, weights=weights)
         np.testing.assert_allclose(errors[name].mean(), expected, rtol=1e-4)
@@ -72,7 +74,7 @@ def test_probability_may_be_divided_among_accurate_proposals():
     probabilities = jnp.array([0.5, 0.5, 0.0]).reshape(3, 1, 1)
     proposed = jnp.array([0.3, 0.33, 0.8]).reshape(3, 1, 1)
     truth = jnp.array([[0.3]])
-    errors = selection_errors(
+    errors = compute_errors(
         Selection(truth, proposed, probabilities), truth, jnp.array([[True]]), CONFIG
     )
     np.testing.assert_allclose(errors["distribution"].mean(), 0.0, atol=1e-6)
@@ -85,10 +87,10 @@ def test_unknown_disparities_leave_the_gradient_finite(selection):
 
     def loss(disparity, probabilities):
         changed = selection._replace(disparity=disparity, probabilities=probabilities)
-        errors = selection_errors(changed, truth, valid, CONFIG)
+        errors = compute_errors(changed, truth, valid, CONFIG)
         return errors["disparity"].mean() + errors["distribution"].mean()
 
-    gradients = jax.grad(loss, (0, 1))(selection.disparity, selection.probabilities)
+    gradients = jax.jit(jax.grad(loss, (0, 1)))(selection.disparity, selection.probabilities)
     for gradient in gradients:
         assert np.isfinite(gradient).all()
 
@@ -112,6 +114,7 @@ def prepared_batch(count=2, size=(16, 16)):
     return jax.tree.map(jnp.asarray, PreparedSample(packed, truth, np.ones(truth.shape, bool)))
 
 
+@pytest.mark.slow
 def test_the_selector_learns_to_select_the_proposal_of_low_cost():
     optimiser = OptimiserConfig(peak_rate=1e-2, schedule="constant")
     config = TrainConfig(PROPOSAL_NETWORK, CONFIG, optimiser, steps=30)
@@ -128,6 +131,7 @@ def test_the_selector_learns_to_select_the_proposal_of_low_cost():
     assert last["loss"] < 0.2 * first["loss"]
 
 
+@pytest.mark.slow
 def test_light_fields_are_trained_on_without_preparation():
     """Traced only, because compiling the search takes a minute."""
     config = recipe("proposal").train

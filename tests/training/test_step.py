@@ -109,6 +109,7 @@ def norm(tree):
     return np.sqrt(sum((np.asarray(leaf, np.float64) ** 2).sum() for leaf in jax.tree.leaves(tree)))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(jax.device_count() < 2, reason="there is one device")
 def test_two_devices_compute_what_one_does(three_steps, six_steps, source):
     batch_sharding, state_sharding = shardings(2)
@@ -129,6 +130,7 @@ def test_devices_share_a_batch_evenly():
     assert len(shardings(4)[0].device_set) == min(jax.device_count(), 2)
 
 
+@pytest.mark.slow
 def test_bfloat16_keeps_float32_parameters_and_nearly_the_same_loss(three_steps, six_steps, source):
     half = dataclasses.replace(six_steps, precision="bfloat16")
     with jax.numpy_dtype_promotion("standard"):  # Flax's BatchNorm subtracts float32 statistics

@@ -18,7 +18,7 @@ from occjax.viz import (
     save,
 )
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
-from occjax.viz.colour import cut_ends, disparity_limits, error_colours, limits
+from occjax.viz.colour import colourbar_extend, disparity_limits, error_colours, limits
 
 LEFT, TOP = MARGIN, MARGIN + TITLE_HEIGHT
 RAMP = np.linspace(-1.0, 2.0, 12 * 17, dtype=np.float32).reshape(12, 17)
@@ -158,14 +158,14 @@ def test_outliers_of_low_confidence_are_outside_the_range():
     disparity[0, :300], confidence[0, :300] = 9.0, 0.1
     norm = disparity_limits(disparity, confidence)
     np.testing.assert_allclose((norm.vmin, norm.vmax), (0.0, 2.0), atol=0.01)
-    assert cut_ends(norm, disparity) == "max"
-    assert cut_ends(disparity_limits(-disparity, confidence), -disparity) == "min"
+    assert colourbar_extend(norm, disparity) == "max"
+    assert colourbar_extend(disparity_limits(-disparity, confidence), -disparity) == "min"
 
 
 def test_a_map_without_outliers_has_its_full_range():
     norm = disparity_limits(RAMP, np.full(RAMP.shape, 0.3))
     assert (norm.vmin, norm.vmax) == (-1.0, 2.0)
-    assert cut_ends(norm, RAMP) == "neither"
+    assert colourbar_extend(norm, RAMP) == "neither"
 
 
 @pytest.mark.parametrize("confidence", [None, np.full((12, 17), 0.5)])

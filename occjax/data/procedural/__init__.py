@@ -2,12 +2,13 @@
 
 :func:`generate` draws a light field from the distribution that a :class:`SceneConfig` describes:
 
-* :mod:`~occjax.data.procedural.scenes` draws the surfaces, :mod:`~occjax.data.procedural.looks`
-  their materials and the light, :mod:`~occjax.data.procedural.patterns` textures and outlines;
+* :mod:`~occjax.data.procedural.scenes` draws the surfaces;
+* :mod:`~occjax.data.procedural.appearance` draws their materials and the light;
+* :mod:`~occjax.data.procedural.patterns` draws textures and outlines;
 * :mod:`~occjax.data.procedural.surfaces` intersects every ray of every view with every surface in
   closed form;
 * :mod:`~occjax.data.procedural.shading` computes the brightness of the nearest hits;
-* :mod:`~occjax.data.procedural.sensor` adds the faults of a camera.
+* :mod:`~occjax.data.procedural.sensor` adds camera defects.
 """
 
 from occjax.data.procedural.config import TEXTURED, Defects, Outlines, SceneConfig, Solids, Textures

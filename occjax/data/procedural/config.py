@@ -1,4 +1,4 @@
-"""The distribution of random scenes: which ingredients they have, and how often."""
+"""Settings of the random scenes: which elements they have, and with which probability."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Solids:
 
 @dataclass(frozen=True)
 class Defects:
-    """Probability that a light field has each fault of a camera."""
+    """Probability of each camera defect."""
 
     noise: float = 0.5
     vignetting: float = 0.25
@@ -74,7 +74,7 @@ class Defects:
 class SceneConfig:
     """A distribution of random light fields.
 
-    A probability of zero, or a relative frequency of zero, switches an ingredient off.
+    A probability of zero, or a relative frequency of zero, switches an element off.
 
     Attributes:
         image_size: ``(H, W)`` of each view, in pixels.
@@ -84,9 +84,9 @@ class SceneConfig:
             of a star in each direction, which are the input of the proposal network.
         rays: Rays per pixel; a square number.
         disparity_range: Lowest and highest disparity of the centre view, in pixels per view step.
-        disparity_width: Smallest and largest difference between the highest and the lowest
-            disparity of one scene, in pixels per view step; uniform in the logarithm between them.
-        walls: Largest number of unbounded surfaces behind everything.
+        disparity_width: Smallest and largest width of the disparity range of one scene, in pixels
+            per view step; the width is drawn log-uniformly between them.
+        walls: Largest number of unbounded background surfaces.
         sheets: Largest number of thin, bounded surfaces.
         solids: Largest number of solids.
         texture_count: Number of textures that the surfaces of one scene share.
@@ -95,19 +95,19 @@ class SceneConfig:
         solid_kinds: Kinds of solid.
         slanted: Probability that a wall is not fronto-parallel.
         curved: Probability that a wall or a sheet is curved.
-        contacts: Probability that a thing touches the wall behind it.
-        clusters: Probability that consecutive solids form one thing.
-        low_contrast: Probability that a surface has hardly any texture.
+        contacts: Probability that an object touches the wall behind it.
+        clusters: Probability that consecutive solids form one object.
+        low_contrast: Probability that the texture of a surface has low contrast.
         textureless: Probability that a surface has no texture.
-        calm: Probability that all surfaces of a scene have little texture.
-        similar: Probability that a thing looks much like the wall.
+        calm: Probability that all surfaces of a scene have low contrast.
+        similar: Probability that an object has nearly the texture of the wall.
         shading: Probability that brightness depends on slant and on the distance to a lamp.
-        shadows: Probability that things cast shadows.
-        creases: Probability that corners and gaps are darker.
+        shadows: Probability that objects cast shadows.
+        creases: Probability of ambient occlusion: corners and gaps are darker.
         highlights: Probability that the surfaces of a scene have highlights, which move with the
             view.
         reflections: Probability that the surfaces of a scene faintly reflect their surroundings.
-        defects: Faults of the camera.
+        defects: Camera defects.
     """
 
     image_size: tuple[int, int] = (128, 128)

@@ -29,7 +29,7 @@ class Draws:
     """
 
     def __init__(self, key: Key) -> None:
-        """Prepare single numbers; :meth:`with_shape` gives arrays."""
+        """Draw scalars; :meth:`with_shape` returns draws of arrays."""
         self._blocks = _Blocks(key)
         self._shape: tuple[int, ...] = ()
 
@@ -63,13 +63,13 @@ class Draws:
         return self.uniform(0.0, 2.0 * np.pi)
 
     def chance(self, probability: ArrayLike) -> Bool[Array, "*n"]:
-        """Return true with a probability."""
+        """Return true with the given probability."""
         return self.unit() < probability
 
     def choose(
         self, probability: ArrayLike, value: ArrayLike, otherwise: ArrayLike = 0.0
     ) -> Float[Array, "*n"]:
-        """Return ``value`` with a probability, else ``otherwise``."""
+        """Return ``value`` with the given probability, else ``otherwise``."""
         return jnp.where(self.chance(probability), value, otherwise)
 
     def category(self, weights: Sequence[float]) -> Int[Array, "*n"]:
@@ -92,7 +92,7 @@ class _Blocks:
         self._block, self._used = jnp.zeros(0), 0
 
     def take(self, count: int) -> Float[Array, " count"]:
-        """Return the next numbers."""
+        """Return the next ``count`` numbers."""
         if self._used + count > self._block.size:
             key = jax.random.fold_in(self._key, self._count)
             self._block = jax.random.uniform(key, (max(count, self.SIZE),))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from occjax.data.procedural.config import SceneConfig
 from occjax.data.procedural.draws import Key
 from occjax.data.procedural.scenes import RandomScene, random_scene
-from occjax.data.procedural.sensor import expose
+from occjax.data.procedural.sensor import add_camera_defects
 from occjax.data.procedural.shading import brightness, shade_maps
 from occjax.data.procedural.surfaces import first_hits
 from occjax.data.samples import LightFieldSample
@@ -48,7 +48,7 @@ def generate(key: Key, config: SceneConfig = SceneConfig()) -> LightFieldSample:
     y, x = pixel_grid(config.image_size)
     disparity = first_hits(scene.geometry, y, x, jnp.zeros(2)).disparity
     visibility = jax.lax.map(lambda offset: view_visibility(scene, disparity, offset), flat_offsets)
-    views = expose(camera_key, views, flat_offsets, config.defects)
+    views = add_camera_defects(camera_key, views, flat_offsets, config.defects)
     shape = (*offsets.shape[:2], *config.image_size)
     return LightFieldSample(
         views=views.reshape(shape),

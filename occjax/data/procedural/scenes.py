@@ -1,4 +1,4 @@
-"""Random scenes: the surfaces and their places.
+"""Random scenes: the surfaces and their positions.
 
 Lengths are in pixels from the image centre; depth is ``relief`` pixels per unit of disparity.
 """
@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from occjax.data.procedural import patterns
+from occjax.data.procedural.appearance import Space, draw_light, draw_materials
 from occjax.data.procedural.config import SceneConfig
 from occjax.data.procedural.draws import Draws, Key
-from occjax.data.procedural.looks import Space, draw_light, draw_materials
 from occjax.data.procedural.shading import Light, Materials
 from occjax.data.procedural.surfaces import Geometry, Quadrics
 
@@ -197,7 +197,7 @@ def _draw_solids(
     long = draws.uniform(0.25 * side, 0.9 * side)
     half = jnp.where(rod[:, None], jnp.stack([thin, thin, long], axis=-1), half)
 
-    # Consecutive pairs and triples become one thing with the material of the first.
+    # Consecutive pairs and triples become one object with the material of the first.
     leader = jnp.maximum(jnp.arange(count) - jnp.arange(count) % 3, 0)
     grouped = draws.chance(config.clusters)[leader] & ~rod
     follows = grouped & (leader != jnp.arange(count)) if count else grouped
@@ -237,7 +237,7 @@ def _draw_solids(
 def _rotation(
     spin: Float[Array, " n"], tilt: Float[Array, " n"], turn: Float[Array, " n"]
 ) -> Float[Array, "n 3 3"]:
-    """Return rotations from metric to own coordinates: rows are the own axes."""
+    """Return rotations from metric to local coordinates: rows are the local axes."""
     cos_a, sin_a, cos_b, sin_b = jnp.cos(spin), jnp.sin(spin), jnp.cos(tilt), jnp.sin(tilt)
     cos_c, sin_c = jnp.cos(turn), jnp.sin(turn)
     return _stack_rows(
@@ -263,19 +263,19 @@ def _stack_rows(*rows: list[Float[Array, " n"]]) -> Float[Array, "n 3 3"]:
 def _fit_depth(
     draws: Draws, space: Space, wall: Float[Array, " n"], depth: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], ...]:
-    """Fit things between the wall and the front, and draw a disparity at which they float.
+    """Fit objects between the wall and the front, and draw a disparity at which they float.
 
-    Things that are too deep are flattened: their relief is increased.
+    Objects that are too deep are flattened: their relief is increased.
 
     Args:
         draws: Random numbers.
         space: Range of the surfaces.
-        wall: Disparity of the wall behind each thing.
-        depth: Half the depth of each thing, in pixels.
+        wall: Disparity of the wall behind each object.
+        depth: Half the depth of each object, in pixels.
 
     Returns:
-        Room between wall and front and half the depth, both in disparity, the relief of each thing,
-        and its floating disparity.
+        Room between wall and front and half the depth, both in disparity, the relief of each
+        object, and its floating disparity.
     """
     room = jnp.maximum(space.high - wall, 0.0)
     depth = depth / space.relief
@@ -285,7 +285,7 @@ def _fit_depth(
 
 
 def _placed(rotation, size, relief, x, y, d):
-    """Return the affine map from ``(X, Y, d)`` to the own coordinates of things at a place."""
+    """Return the affine map from ``(X, Y, d)`` to the local coordinates of each object."""
     linear = rotation / size[:, :, None]
     linear = linear.at[:, :, 2].multiply(relief[:, None])
     centre = jnp.stack([x, y, d], axis=-1)

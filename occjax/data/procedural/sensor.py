@@ -1,4 +1,4 @@
-"""Faults of a camera, added to rendered views."""
+"""Camera defects, added to rendered views."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from occjax.data.procedural.config import Defects
 from occjax.data.procedural.draws import Draws, Key
 
 
-def expose(
+def add_camera_defects(
     key: Key, views: Float[Array, "n h w"], offsets: Float[Array, "n 2"], defects: Defects
 ) -> Float[Array, "n h w"]:
-    """Add the faults of a camera to rendered views.
+    """Add camera defects to rendered views.
 
-    They are added in this order: exposure (a random mean brightness), vignetting, blur as from
+    The order is: exposure (a random mean brightness), vignetting, blur like that of
     demosaicing, sensor noise, gamma, clipping, rounding to 8 bits.
 
     Args:
         key: Random key.
         views: ``[n, h, w]`` brightness, at least 0, any scale.
         offsets: ``[n, 2]`` offset of each view from the centre view, in view steps.
-        defects: Probability of each fault.
+        defects: Probability of each defect.
 
     Returns:
-        ``[n, h, w]`` in [0, 1].
+        ``[n, h, w]`` grey views in [0, 1].
     """
     number_key, noise_key = jax.random.split(key)
     draws = Draws(number_key)

@@ -59,11 +59,12 @@ class Light(NamedTuple):
         relief: Depth per unit of disparity, in pixels.
         lamp: ``[3]`` position of the lamp, metric.
         reach: Distance at which the lamp has lost half its light.
-        strength: Share of the lamp in the light; the rest is ambient.
-        cast: ``[2]`` row and column offset of the view whose rays run along the light.
-        shadow: Depth of the shadows in [0, 1].
+        strength: Fraction of the light that comes from the lamp; the rest is ambient.
+        cast: ``[2]`` direction of the light: offset ``(row, column)`` of the view whose rays are
+            parallel to it.
+        shadow: Strength of the shadows, in [0, 1].
         softness: Blur of the shadows, in pixels.
-        crease: Depth of the darkness in corners and gaps, in [0, 1].
+        crease: Strength of the ambient occlusion in corners and gaps, in [0, 1].
         convergence: Change of the direction to the eye from pixel to pixel.
         swing: Change of this direction from view to view, relative to the parallax.
     """
@@ -81,10 +82,11 @@ class Light(NamedTuple):
 
 
 class Shade(NamedTuple):
-    """Maps of shadow and openness over the image and its surroundings.
+    """Maps for shadows and ambient occlusion, over the image and its surroundings.
 
     Attributes:
-        blocker: ``[m, m]`` blurred exponential of the disparity first met along the light.
+        blocker: ``[m, m]`` exponential shadow map: blurred exponential of the disparity of the
+            first hit along the light.
         front: ``[m, m]`` blurred disparity of the centre view.
         reach: ``[2]`` half the height and width that the maps cover, in pixels.
     """
@@ -102,12 +104,12 @@ SHADOW_EXPONENT = 24.0
 
 
 def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) -> Shade:
-    """Render coarse, blurred disparity maps along the light and from the front.
+    """Render blurred disparity maps of low resolution, along the light and from the front.
 
-    A parallel light from the camera's side runs along the rays of some view, so the shadow map is
-    the disparity of that view: a point is lit if the first hit along the light has its disparity.
-    The blurred exponential of disparity makes shadows soft (exponential shadow maps, Annen et al.,
-    2008).
+    Parallel light from the side of the camera has the direction of the rays of some view. The
+    shadow map is therefore the disparity of that view: a point is lit if the first hit along the
+    light has its disparity. The blurred exponential of disparity makes shadows soft (exponential
+    shadow maps, Annen et al., 2008).
 
     Args:
         geometry: The scene.
@@ -217,19 +219,21 @@ def _normals(geometry: Geometry, relief, px, py, d, offset, index):
     def of(values):
         return take_unchecked(values, index)
 
-    own = [_affine(of, table.linear[:, i], table.shift[:, i], px, py, d) for i in range(3)]
+    local = [_affine(of, table.linear[:, i], table.shift[:, i], px, py, d) for i in range(3)]
     # A point is on a face of a solid's box where a coordinate reaches half the size of the box.
-    level = of(table.constant) + of(table.slope) * own[2]
+    level = of(table.constant) + of(table.slope) * local[2]
     for axis in range(3):
-        level = level + of(table.curvature[:, axis]) * own[axis] ** 2
-    excess = [jnp.abs(own[i]) * of(1.0 / table.half[:, i]) - 1.0 for i in range(3)]
+        level = level + of(table.curvature[:, axis]) * local[axis] ** 2
+    excess = [jnp.abs(local[i]) * of(1.0 / table.half[:, i]) - 1.0 for i in range(3)]
     most = jnp.maximum(jnp.maximum(excess[0], excess[1]), excess[2])
     on_face = most > level
     gradient = []
     for axis in range(3):
-        curved = 2.0 * of(table.curvature[:, axis]) * own[axis]
+        curved = 2.0 * of(table.curvature[:, axis]) * local[axis]
         curved = curved + of(table.slope) if axis == 2 else curved
-        gradient.append(jnp.where(on_face, jnp.where(excess[axis] == most, own[axis], 0.0), curved))
+        gradient.append(
+            jnp.where(on_face, jnp.where(excess[axis] == most, local[axis], 0.0), curved)
+        )
     nx, ny, nd = (
         sum(of(table.linear[:, i, axis]) * gradient[i] for i in range(3)) for axis in range(3)
     )

@@ -5,12 +5,12 @@ which the centre view sees them, and their disparity. The ray of pixel ``(y, x)`
 offset ``(t, s)`` is the line ``(x + s d, y + t d, d)``. So ``d`` is the parameter of every ray, the
 nearest hit has the largest ``d``, and the coefficients of ``d`` depend only on the view.
 
-All surfaces are quadrics ``f = curvature . p^2 + slope p_z + constant`` in own coordinates
+All surfaces are quadrics ``f = curvature . p^2 + slope p_z + constant`` in local coordinates
 ``p = linear (X, Y, d) + shift``:
 
 * a wall is ``f = 0``;
-* a sheet is ``f = 0`` where its outline, a binary image over the square ``[-1, 1]^2`` of own x and
-  y, is true;
+* a sheet is ``f = 0`` where its outline, a binary image over the square ``[-1, 1]^2`` of local x
+  and y, is true;
 * a solid is ``f <= 0`` cut to a box: an ellipsoid, a capped cylinder, a box.
 
 Arrays have one entry per ray and no trailing axis of components: compilers turn that into much
@@ -30,8 +30,8 @@ class Quadrics(NamedTuple):
     """Quadric surfaces, one entry each.
 
     Attributes:
-        linear: ``[n, 3, 3]`` map from ``(X, Y, d)`` to own coordinates.
-        shift: ``[n, 3]`` own coordinates of the origin.
+        linear: ``[n, 3, 3]`` map from ``(X, Y, d)`` to local coordinates.
+        shift: ``[n, 3]`` local coordinates of the origin.
         curvature: ``[n, 3]`` coefficients of x^2, y^2, z^2.
         slope: ``[n]`` coefficient of z.
         constant: ``[n]`` constant coefficient.
@@ -53,7 +53,7 @@ class Geometry(NamedTuple):
         walls: Unbounded surfaces. The first is the plane at the lowest disparity, hit by every ray
             that hits nothing else.
         sheets: Thin surfaces with outlines.
-        outlines: ``[sheets, m, m]`` true inside the outline, over own y and x.
+        outlines: ``[sheets, m, m]`` true inside the outline, over local y and x.
         solids: Solids, cut to boxes.
         limits: ``[2]`` lowest and highest disparity of any hit.
     """
@@ -93,13 +93,13 @@ def first_hits(
 
     def meet_wall(nearest: Hits, item):
         surface, index = item
-        upper, lower = _crossings(surface, *_own_rays(surface, y, x, offset))
+        upper, lower = _crossings(surface, *_local_rays(surface, y, x, offset))
         found = jnp.where(within(upper), upper, jnp.where(within(lower), lower, -jnp.inf))
         return _nearer(nearest, found, index), None
 
     def meet_sheet(nearest: Hits, item):
         surface, outline, index = item
-        origin, direction = _own_rays(surface, y, x, offset)
+        origin, direction = _local_rays(surface, y, x, offset)
 
         def kept(disparity):
             inside = _lookup(
@@ -113,7 +113,7 @@ def first_hits(
 
     def meet_solid(nearest: Hits, item):
         surface, index = item
-        origin, direction = _own_rays(surface, y, x, offset)
+        origin, direction = _local_rays(surface, y, x, offset)
         upper, lower = _crossings(surface, origin, direction)
         enter, leave = jnp.minimum(upper, highest), jnp.maximum(lower, lowest)
         for axis in range(3):
@@ -177,8 +177,8 @@ def take_unchecked(values: Array, index: Int[Array, "*r"]) -> Array:
     return values.at[index].get(mode="promise_in_bounds")
 
 
-def _own_rays(surface: Quadrics, y, x, offset):
-    """Return rays in own coordinates: origins at zero disparity, by component, and direction."""
+def _local_rays(surface: Quadrics, y, x, offset):
+    """Return rays in local coordinates: origins at zero disparity, by component, and direction."""
     across, down, away = surface.linear[:, 0], surface.linear[:, 1], surface.linear[:, 2]
     origin = [across[axis] * x + down[axis] * y + surface.shift[axis] for axis in range(3)]
     return origin, across * offset[1] + down * offset[0] + away

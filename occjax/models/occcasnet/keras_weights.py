@@ -1,4 +1,4 @@
-"""Reader of weights in the layout of the published Keras 2 code (HDF5)."""
+"""Read weights in the format of the published Keras 2 code (HDF5)."""
 
 from __future__ import annotations
 
@@ -95,10 +95,10 @@ def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
             raise InputError(f"{path}: is not a Keras 2 weights file (no 'layer_names' attribute)")
         for layer in _text(group.attrs["layer_names"]):
             if layer not in group or "weight_names" not in group[layer].attrs:
-                raise InputError(f"{path}: lists {layer} but does not hold it; copy it again")
+                raise InputError(f"{path}: lists {layer} but does not contain it; copy it again")
             for name in _text(group[layer].attrs["weight_names"]):
                 if name not in group[layer]:
-                    raise InputError(f"{path}: lists {name} but does not hold it; copy it again")
+                    raise InputError(f"{path}: lists {name} but does not contain it; copy it again")
                 yield name, np.asarray(group[layer][name])
 
 

@@ -84,7 +84,7 @@ class OccCasNet(nn.Module):
             train: Whether BatchNorm uses batch statistics. Training needs
                 ``mutable=["batch_stats"]`` and a vmapped axis named ``"batch"``.
             candidates: ``[d]`` disparities of the first stage instead of the configured ones. With
-                trained weights only an offset makes sense: the network has learned their interval.
+                trained weights, only shift them: the network has learned their interval.
             ground_truth: ``[h, w]`` disparity, needed if a stage has ``occlusion="ground_truth"``.
 
         Returns:
@@ -136,11 +136,11 @@ class OccCasNet(nn.Module):
         """
         v, u, h, w = views.shape
         images = views.reshape(v * u, h, w, 1)
-        # Pooling over views is the default because the running averages, which inference uses, are
-        # then averages of exactly the statistics that training normalised by, from V * U times as
-        # many samples. The published code calls the network once per view: it normalises each view
-        # by its own statistics and updates the averages V * U times a step, so that they follow
-        # the last few steps only. "per_view" reproduces that.
+        # By default, statistics are pooled over all views. The running averages, which inference
+        # uses, then average the same statistics that training normalises by. The published code
+        # calls the network once per view. It normalises each view by its own statistics and updates
+        # the averages V * U times a step, so that they depend on the last few steps only.
+        # "per_view" reproduces the published code.
         if train and self.config.feature_statistics == "per_view":
             features = self._extract_view_by_view(images)
         else:

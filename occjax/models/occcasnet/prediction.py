@@ -1,6 +1,6 @@
 """OccCasNet on images of any size in bounded memory.
 
-If a volume concatenates features, its aggregation needs nearly all of the memory and time. It is
+The aggregation of a volume of concatenated features needs nearly all of the memory and time. It is
 computed in strips of rows. A strip is read with a halo as wide as the receptive field of the
 aggregation, so that its inner rows equal those of the whole image. Two steps depend on the whole
 image and are computed first: the features, since their spatial pyramid reaches far, and the mean
@@ -40,7 +40,7 @@ MAX_STRIP_PIXELS_CPU = 3 * 2**14
 """Largest number of pixels of a strip with its halo: ``occcasnet`` then needs less than 4 GB."""
 
 MAX_STRIP_BYTES_GPU = 2**18
-"""Largest number of pixels of a strip on a GPU, times the bytes of a number."""
+"""Largest size of one channel of a strip on a GPU, in bytes."""
 
 
 def predict(
@@ -125,7 +125,7 @@ def predict(
 
 
 def rows_of_strip(height: int, width: int, halo: int, dtype: DTypeLike = jnp.float32) -> int:
-    """Return the number of rows of a strip: strips are even and none has too many pixels.
+    """Return the number of rows of a strip: strips have equal heights and none is too large.
 
     The limit is MAX_STRIP_PIXELS_CPU, or MAX_STRIP_BYTES_GPU divided by the bytes of a number if
     JAX's default device is not a CPU.
@@ -177,7 +177,7 @@ def _by_platform(*, cpu, default):
 
 
 def _score_row_wise(variables, config, index, volume, attention):
-    """Return the same function with half of the multiplications, in an order for a CPU's cache."""
+    """Return the scoring function for a CPU, with half of the multiplications."""
     name = f"aggregation_{config.part_index(index)}"
     weights = None
     if attention is not None:

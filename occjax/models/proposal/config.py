@@ -56,7 +56,7 @@ class CostConfig:
     """Truncated matching costs.
 
     Attributes:
-        grey_truncation: Grey difference from which on the cost is constant.
+        grey_truncation: Grey difference above which the cost is constant.
         derivative_truncation: The same for the derivatives of grey, per pixel.
         blurred_truncation: The same for blurred grey.
         window_radius_px: Radius of the window over which costs are averaged before the best part
@@ -148,10 +148,10 @@ class ProposalsConfig:
         min_second_distance: Smallest distance of the second-best disparity of the search, which is
             proposed too, from the best one.
         slope_step_px: Distance over which the slope of a surface is measured.
-        grey_tolerance: Grey difference of a view that costs half.
+        grey_tolerance: Grey difference at which the robust cost of a view is one half.
         detail_tolerance: The same for grey minus its local mean.
-        max_aggregated_cost: Aggregated cost of the search, above that of the best candidate, from
-            which on the cost channel is constant.
+        max_aggregated_cost: Aggregated cost of the search, relative to that of the best candidate,
+            above which the cost channel is constant.
     """
 
     offsets: tuple[tuple[int, int], ...] = NEAR_AND_FAR

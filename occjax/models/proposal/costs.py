@@ -130,7 +130,7 @@ def aperture_costs(
     Args:
         features: ``[v, u, h, w, c]`` views or features of them.
         candidates: ``[d]`` disparities, pixels per view step.
-        truncation: ``[c]`` difference of each feature from which on the cost is constant.
+        truncation: ``[c]`` difference of each feature above which the cost is constant.
         noise: ``[c]`` standard deviation of the noise of each feature (:func:`sector_sums`).
         radius: Radius of the window over which ``e_k`` is averaged before the best part is chosen,
             in pixels. Without a window, noise decides the choice.
@@ -179,14 +179,15 @@ def sector_sums(
     Args:
         features: ``[v, u, h, w, c]`` views or features of them, for example grey and its gradients.
         candidates: ``[d]`` disparities, pixels per view step.
-        truncation: ``[c]`` difference of each feature from which on the cost is constant, so that
+        truncation: ``[c]`` difference of each feature above which the cost is constant, so that
             highlights and occluders have a bounded effect.
-        combine: Function of the sums ``[8, h, w]`` of ``e_k`` and the number ``[8]`` of views in
-            each sector that returns what is kept of a candidate.
+        combine: Function that reduces each candidate: from the sums ``[8, h, w]`` of ``e_k`` and
+            the number ``[8]`` of views in each sector it computes the result.
         noise: ``[c]`` standard deviation of the noise of each feature. The mean difference is
             corrected for the bias that interpolation of noise gives to sub-pixel candidates.
         correlation: ``[c, 2]`` correlation of each feature's noise between neighbouring pixels
-            ``(along a column, along a row)``; zero by default. Correlated noise is averaged less.
+            ``(along a column, along a row)``; zero by default. Interpolation reduces correlated
+            noise less.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
 

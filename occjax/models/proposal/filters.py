@@ -1,6 +1,6 @@
 """Filters of maps and of cost volumes.
 
-* :func:`box_filter`, :func:`binomial_filter`: mean over a square window, plain and weighted;
+* :func:`box_filter`, :func:`binomial_filter`: unweighted and weighted mean over a square window;
 * :func:`median_filter`: median over 3x3 pixels;
 * :func:`central_differences`: derivatives;
 * :func:`sample_at_offsets`: values at fixed offsets from each pixel;
@@ -45,7 +45,7 @@ def box_filter(image: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h
     if radius == 0:
         return image
     window = 2 * radius + 1
-    # Divided once, after both sums: XLA then fuses both passes.
+    # One division after both sums lets XLA fuse both passes.
     return _weighted_sums(image, [1.0] * window) * (1 / window**2)
 
 
@@ -82,7 +82,7 @@ def median_filter(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
         >>> float(median_filter(jnp.zeros((5, 5)).at[2, 2].set(9.0)).max())
         0.0
     """
-    # A sorting network: much faster than a sort.
+    # A sorting network is much faster than a sort.
     padded = jnp.pad(image, 1, mode="edge")
     low, middle, high = _sort_three(padded[:-2], padded[1:-1], padded[2:])
     # Of three sorted columns the median is the median of these three values.
@@ -134,7 +134,7 @@ def sample_at_offsets(
         np.clip(np.arange(size) + np.array(offsets)[:, axis, None], 0, size - 1)
         for axis, size in enumerate(image.shape)
     )
-    # Indexing: slices of a padded image take longer to compile and, if there are many, to run.
+    # Slices of a padded image would take longer to compile and, if there are many, to run.
     return jax.vmap(lambda row, column: image[row][:, column])(rows, columns)
 
 
@@ -214,8 +214,8 @@ def fit_planes(
     y = (jnp.arange(h, dtype=values.dtype) - h / 2)[:, None] / unit * jnp.ones_like(values)
     x = (jnp.arange(w, dtype=values.dtype) - w / 2)[None, :] / unit * jnp.ones_like(values)
     products = [jnp.ones_like(x), x, y, x * x, x * y, y * y, values, values * x, values * y]
-    # The moments lie between rows and columns: rows that are added are then contiguous, and there
-    # is one copy between two passes.
+    # The axis of the moments is between rows and columns. Rows that are added are then contiguous,
+    # and one copy between two passes is enough.
     moments = jnp.stack([product * weights for product in products], axis=1)
     moments = _edge_aware_sums(moments, guides, radius, passes)
     moments = jnp.moveaxis(moments, 1, 0)
@@ -237,7 +237,7 @@ def _weighted_sums(image: Array, weights: Sequence[float]) -> Array:
     precision.
     """
     radius = len(weights) // 2
-    # Padded once for both axes: an operation between the two sums would break their fusion.
+    # One padding for both axes: an operation between the two sums would break their fusion.
     sums = jnp.pad(image, [(0, 0)] * (image.ndim - 2) + [(radius, radius)] * 2, mode="edge")
     for axis in (image.ndim - 2, image.ndim - 1):
         size = image.shape[axis]

@@ -188,7 +188,7 @@ class ProposalNet(nn.Module):
         change = proposals.proposed - proposals.disparity[None]
         likeliest = jnp.argmax(probabilities, axis=0, keepdims=True)
         likeliest = jnp.take_along_axis(change, likeliest, axis=0)
-        # A thousandth more, against rounding.
+        # The factor keeps proposals at exactly this distance despite rounding.
         near = jnp.abs(change - likeliest) <= 1.001 * self.config.selector.window
         averaged = jnp.where(near, probabilities, 0.0)
         averaged = averaged / sum_leading(averaged)[None]

@@ -108,7 +108,7 @@ def refine_disparity(
     smooth_guide = box_filter(guide, 1)  # noise of the guide is not an edge
     nearest, nearest_offsets = nearest_views(others)
     zero = jnp.zeros_like(centre[0])
-    # As if every view had at least the minimal gradient.
+    # The prior has the information of all views with the minimal gradient.
     prior = config.min_gradient**2 * len(stack)
 
     def residual(feature, offset, disparity):

@@ -1,7 +1,7 @@
 """Half resolution and back.
 
-A pixel of half resolution is a block of 2x2 pixels. Its centre lies between theirs, and a disparity
-measures half as many of its pixels.
+At half resolution a pixel is a block of 2x2 pixels. Its centre is the centre of the block, and
+disparities in pixels are half as large.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def upsample2x(
 def space_to_depth(images: Float[Array, "n h w c"]) -> Float[Array, "n i j k"]:
     """Store each block of 2x2 pixels as one pixel with four times as many channels.
 
-    Few channels at full resolution take as long to convolve as many channels at half resolution.
+    A convolution with few channels at full resolution takes as long as one with many channels at
+    half resolution.
 
     Args:
         images: ``[n, h, w, c]`` images; h and w must be even.

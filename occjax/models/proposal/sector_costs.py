@@ -64,7 +64,7 @@ def geman_mcclure(residual: Float[Array, "*shape"], tolerance: float) -> Float[A
 
     Args:
         residual: Differences of any shape.
-        tolerance: Difference that costs one half.
+        tolerance: Difference at which the cost is one half.
 
     Returns:
         Costs in [0, 1) of the same shape.

@@ -104,7 +104,7 @@ class ProposalSelector(nn.Module):
         """
         config, width = self.config, self.config.width
         costs = proposals.costs.channels
-        # One by one, so that all costs never exist in single precision at once.
+        # Summed one by one: all costs in single precision would take too much memory.
         mean_costs = sum(cost.astype(jnp.float32) for cost in costs) / len(costs)
         # Offset of each proposal's source: the pixel itself, the neighbours, the second best.
         sources = ((0, 0), *self.offsets, (0, 0))
@@ -254,7 +254,7 @@ def path_contrasts(centre: Float[Array, "h w"], offsets: Offsets) -> Float[Array
         one, other = (jax.lax.dynamic_slice(padded, tuple(at), centre.shape) for at in corners)
         return sums.at[index].add(jnp.abs(other - one)), None
 
-    # A loop: unrolled, it took a fifth of the time to compile the network.
+    # The unrolled loop would take a fifth of the time to compile the network.
     sums = jnp.zeros((len(offsets), *centre.shape), centre.dtype)
     return jax.lax.scan(add, sums, (index, before + radius, after + radius))[0]
 

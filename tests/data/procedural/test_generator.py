@@ -47,7 +47,7 @@ KEYS = jax.random.split(jax.random.key(7), 5)
 
 @pytest.fixture(scope="module")
 def samples():
-    """A few small light fields of cameras without faults."""
+    """A few small light fields of cameras without defects."""
     return [jax.tree.map(np.asarray, generate(key, SMALL)) for key in KEYS]
 
 

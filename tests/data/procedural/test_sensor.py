@@ -1,11 +1,11 @@
-"""Faults of cameras."""
+"""Camera defects."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from occjax.data.procedural import Defects
-from occjax.data.procedural.sensor import expose
+from occjax.data.procedural.sensor import add_camera_defects
 
 NONE = Defects(noise=0.0, vignetting=0.0, blur=0.0, gamma=0.0, quantisation=0.0)
 OFFSETS = jnp.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 1.0]])
@@ -15,7 +15,7 @@ KEYS = jax.random.split(jax.random.key(0), 6)
 
 def exposed(**probabilities):
     defects = Defects(**{**NONE.__dict__, **probabilities})
-    return np.asarray(jax.vmap(lambda key: expose(key, VIEWS, OFFSETS, defects))(KEYS))
+    return np.asarray(jax.vmap(lambda key: add_camera_defects(key, VIEWS, OFFSETS, defects))(KEYS))
 
 
 def test_a_camera_without_faults_only_sets_the_exposure():

@@ -54,7 +54,7 @@ def geometry(walls=(), sheet=NOWHERE, solid=NO_SOLID):
 
 
 def placed(x, y, d, size, turn=0.6, tilt=0.5, relief=12.0):
-    """Own coordinates of something turned and tilted, ``relief`` pixels deep per disparity."""
+    """Local coordinates of something turned and tilted, ``relief`` pixels deep per disparity."""
     c, s, ct, st = np.cos(turn), np.sin(turn), np.cos(tilt), np.sin(tilt)
     rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.array(
         [[1, 0, 0], [0, ct, st], [0, -st, ct]]

@@ -119,5 +119,5 @@ def test_configurations_that_cannot_be_built_are_refused(build, message):
 
 @pytest.mark.usefixtures("unchecked")
 def test_misspelt_option_lists_the_choices():
-    with pytest.raises(ValueError, match="correct or transposed, not 'transpose'"):
+    with pytest.raises(ValueError, match="warp is 'transpose'; pass 'correct' or 'transposed'"):
         OccCasNetConfig((STAGE,), warp="transpose")

@@ -48,6 +48,7 @@ def test_zero_steps_return_the_map(slanted):
     np.testing.assert_array_equal(found, start)
 
 
+@pytest.mark.slow
 def test_gradients_are_finite_where_all_views_are_equal():
     views = jnp.full((3, 3, 20, 24, 1), 0.5)
 

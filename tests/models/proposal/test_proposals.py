@@ -13,6 +13,8 @@ from occjax.models.proposal import ProposalsConfig, proposals
 from occjax.models.proposal.search import SearchResult
 from tests.scenes import plane
 
+continued_surfaces = jax.jit(proposals._continued_surfaces, static_argnums=(1, 2))
+
 
 def test_all_neighbours_on_one_surface_propose_its_disparity():
     # With a reach of 1, the disparities of a grid of 3x3 views are not scaled.
@@ -26,7 +28,7 @@ def test_all_neighbours_on_one_surface_propose_its_disparity():
     inner, truth = np.s_[..., 14:-14, 14:-14], scene.ground_truth
     # Ten rows away the disparity of the surface differs by 0.1.
     for proposed in (found.disparity, found.proposed[1:9]):
-        assert np.median(np.abs(np.asarray(proposed) - truth)[inner]) < 0.02
+        assert np.median(np.abs(np.asarray(proposed) - truth)[inner]) < 0.03
     distance = np.abs(np.asarray(found.proposed[-1] - found.disparity))
     minimum = config.proposals.min_second_distance - 1 / 3
     assert np.quantile(distance, 0.05) > minimum
@@ -40,11 +42,11 @@ def test_neighbours_continue_their_surface_up_to_an_edge_and_beyond():
     y, x = np.mgrid[:20, :48].astype(np.float32)
     left, right = 0.5 + 0.02 * y - 0.05 * x, -1.0 - 0.03 * y - 0.04 * x
     disparity = jnp.asarray(np.where(x < 24, left, right))
-    from_right, from_left = proposals._continued_surfaces(disparity, ((0, 3), (0, -3)), 8)
+    from_right, from_left = continued_surfaces(disparity, ((0, 3), (0, -3)), 8)
     np.testing.assert_allclose(from_right[:, 21:24], right[:, 21:24], atol=1e-5)
     np.testing.assert_allclose(from_left[:, 24:27], left[:, 24:27], atol=1e-5)
     peak = jnp.zeros((33, 33)).at[16, 16].set(1.0)  # the slopes on both sides differ in sign
-    (continued,) = proposals._continued_surfaces(peak, ((0, 3),), 8)
+    (continued,) = continued_surfaces(peak, ((0, 3),), 8)
     np.testing.assert_array_equal(continued[:, 13], peak[:, 16])
 
 
@@ -52,7 +54,7 @@ def test_neighbours_continue_their_surface_at_the_image_border():
     y, x = np.mgrid[:24, :32].astype(np.float32)
     surface = 0.5 + 0.02 * y - 0.05 * x
     offsets = ((0, 4), (0, -4), (4, 0), (-10, 10))
-    continued = np.asarray(proposals._continued_surfaces(jnp.asarray(surface), offsets, 8))
+    continued = np.asarray(continued_surfaces(jnp.asarray(surface), offsets, 8))
     for found, (down, right) in zip(continued, offsets, strict=True):
         # Outside the image, the nearest pixel inside is the neighbour.
         inner = np.s_[max(-down, 0) : 24 - max(down, 0), max(-right, 0) : 32 - max(right, 0)]

@@ -1,5 +1,7 @@
 """Semi-global search: interpolation of volumes, and surfaces under noise."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +30,7 @@ def test_noisy_waves_are_found():
     )
     assert found.disparity.shape == (32, 32)
     error = np.abs(found.disparity - disparity)[4:-4, 4:-4]
-    assert np.quantile(error, 0.9) < 0.1
+    assert np.quantile(error, 0.9) < 0.125  # half an interval
     np.testing.assert_allclose(found.probabilities.sum(0), 1.0, atol=1e-5)
     np.testing.assert_array_equal(found.aggregated.min(0), np.zeros((32, 32)))
 
@@ -40,10 +42,10 @@ def test_means_along_a_slanted_surface_find_it_where_means_at_one_disparity_do_n
     noise = np.random.default_rng(0).normal(0.3, 0.2, (17, 40, 40))
     costs = jnp.minimum(jnp.abs(candidates[:, None, None] - truth[None]), 0.5) / 2 + noise
     settings, edges = ProposalConfig().search, jnp.zeros((1, 40, 40))
-    found = search._along_surfaces(
-        costs, candidates, truth + 0.2, edges, jnp.zeros((40, 40), bool), settings
+    found = jax.jit(search._along_surfaces, static_argnames="settings")(
+        costs, candidates, truth + 0.2, edges, jnp.zeros((40, 40), bool), settings=settings
     )
-    means = edge_aware_mean(costs, edges, radius=settings.context_radius_px)
+    means = jax.jit(partial(edge_aware_mean, radius=settings.context_radius_px))(costs, edges)
     at_one_disparity = candidates[means.argmin(0)]
     error, other = (
         float(jnp.abs(each - truth)[4:-4, 4:-4].mean()) for each in (found, at_one_disparity)

@@ -1,4 +1,4 @@
-"""Looks of random scenes: the materials of their surfaces, and the light."""
+"""Appearance of random scenes: the materials of their surfaces, and the light."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ def draw_materials(
     detail_contrast = jnp.where(contrast > 0.0, jnp.minimum(detail_strength, contrast), 0.0)
     tone = draws.uniform(0.04, 0.9)
     like_wall = draws.chance(config.similar)
-    # Solids of a group look like the first one, and some things look like the wall.
+    # Solids of a group look like the first one, and some objects look like the wall.
     first_solid = count - config.solids
     leader = jnp.concatenate([jnp.arange(first_solid), first_solid + group])
     appearance = jnp.where(like_wall[leader], min(1, config.walls - 1), leader)
     tone_factor = 1.0 + draws.choose(0.6, draws.uniform(-0.12, 0.12))
 
-    # The texel axes are two directions at right angles to the own z axis of the surface.
+    # The texel axes are two directions at right angles to the local z axis of the surface.
     normal = table.linear[:, 2].at[:, 2].divide(space.relief)
     normal = normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
     tilted = (

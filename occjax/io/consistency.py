@@ -1,0 +1,89 @@
+"""Decisions between several readings of the views or the truth by their photo-consistency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from occjax.layout import ViewOrderConfig, check
+from occjax.lightfield import LightField, centre_index, project, to_grey, view_offsets
+
+MIN_TRUTH_RATIO = 1.3
+"""Ratio of the grey differences under two readings of the truth from which the lower is right."""
+
+TRUTH_SAMPLES = 128
+"""Number of rows and columns, at least, at which the truth is compared if the views have them."""
+
+
+def most_consistent(candidates: Sequence[np.ndarray], config: ViewOrderConfig | None = None) -> int:
+    """Return which of several readings of the same views is the most consistent one.
+
+    Args:
+        candidates: Views ``[V, U, H, W, C]`` in each reading.
+        config: Settings of the comparison; None for the default.
+
+    Returns:
+        Index of the best reading; 0 unless another one is better by the factor
+        ``clearly_worse_ratio``.
+
+    Example:
+        >>> wall = np.random.default_rng(0).random((60, 60, 1), np.float32)
+        >>> views = np.stack([np.roll(wall, (-v, -u), (0, 1)) for v in range(3) for u in range(3)])
+        >>> most_consistent([views[None], views.reshape(3, 3, 60, 60, 1)])
+        1
+    """
+    config = config or ViewOrderConfig()
+    scores = [min(check(LightField(views), config).scores.values()) for views in candidates]
+    best = int(np.argmin(scores))
+    return best if scores[0] > config.clearly_worse_ratio * scores[best] else 0
+
+
+def truth_fault(light_field: LightField) -> str | None:
+    """Return how the ground truth must be changed to agree with the views.
+
+    Args:
+        light_field: Views with ground truth; at least two views.
+
+    Returns:
+        Words for a message; None if the truth agrees best as it is.
+
+    Example:
+        >>> y, x = np.mgrid[:40, :40]
+        >>> disparity = np.where(y < 16, 2, 0).astype(np.float32)
+        >>> wall = np.random.default_rng(0).random((40, 40, 1))
+        >>> views = np.stack([wall, wall[y, (x - disparity.astype(int)) % 40]])[None]
+        >>> truth_fault(LightField(views[:, ::-1], ground_truth=disparity[::-1]))
+        'its rows are reversed'
+    """
+    truth = light_field.ground_truth
+    assert truth is not None
+    readings = {
+        None: truth,
+        "its rows are reversed": truth[::-1],
+        "its columns are reversed": truth[:, ::-1],
+        "its sign is reversed": -truth,
+    }
+    differences = {words: _truth_difference(light_field, d) for words, d in readings.items()}
+    best = min(differences, key=differences.__getitem__)
+    return best if differences[None] > MIN_TRUTH_RATIO * differences[best] else None
+
+
+def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
+    """Return the mean grey difference of the centre view from its neighbours at a disparity."""
+    (rows, columns), (h, w) = light_field.grid, light_field.image_size
+    v0, u0 = centre_index(light_field.grid)
+    positions = light_field.positions
+    offsets = view_offsets(rows, columns) if positions is None else positions
+    step = max(1, min(h, w) // TRUTH_SAMPLES)
+    y, x = np.mgrid[0:h:step, 0:w:step]
+    centre, d = to_grey(light_field.centre)[y, x], disparity[y, x].astype(np.float64)
+    differences = []
+    for v, u in ((v0 - 1, u0), (v0 + 1, u0), (v0, u0 - 1), (v0, u0 + 1)):
+        if 0 <= v < rows and 0 <= u < columns:
+            places = project(y, x, np.nan_to_num(d), offsets[v, u])
+            view = to_grey(light_field.views[v, u])
+            shown = map_coordinates(view, places, order=1, mode="nearest")
+            differences.append(np.abs(shown - centre)[np.isfinite(d)].mean())
+    return float(np.mean(differences))

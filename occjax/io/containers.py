@@ -1,0 +1,224 @@
+"""Light fields in files that hold several arrays: HDF5 and MATLAB's ``.mat``.
+
+MATLAB stores the last axis of an array first in HDF5, which includes ``.mat`` files of version 7.3.
+The order of the axes is found by their sizes, or read from an attribute ``axes``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.io.arrays import check_views
+from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order
+from occjax.io.consistency import most_consistent
+from occjax.io.files import decoding, reading
+from occjax.io.mosaics import repeated_tiles, split_tiles
+from occjax.io.naming import GridWarning
+from occjax.io.old_hci import old_hci_camera, old_hci_disparity
+from occjax.lightfield import LightField
+
+CONTAINER_SUFFIXES = (".h5", ".hdf5", ".mat")
+"""Suffixes of the files, in lower case."""
+
+KNOWN_KEYS = ("LF", "Hr_SAI_y")
+"""Names of the views in the old HCI benchmark and in sets for super-resolution."""
+
+
+@dataclass(frozen=True)
+class StoredArray:
+    """An array in a file, which is not read yet.
+
+    Attributes:
+        shape: Sizes of its axes.
+        read: Returns the array.
+        attributes: What the file states about it.
+        reversed: Whether MATLAB has stored it, last axis first; None if unknown, in HDF5.
+    """
+
+    shape: tuple[int, ...]
+    read: Callable[[], np.ndarray]
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    reversed: bool | None = False
+
+
+def read_container(
+    path: str | Path, *, key: str | None = None, grid: tuple[int, int] | None = None
+) -> LightField:
+    """Read a light field from an HDF5 or ``.mat`` file.
+
+    Args:
+        path: File with views in an array of four or five axes, or tiled in two axes. If it has the
+            attributes ``dH``, ``focalLength`` and ``shift`` or ``camDistance`` of the old HCI
+            benchmark, the light field has a calibration, and a ground truth if there is also an
+            array ``GT_DEPTH``.
+        key: Name of the views, with or without the groups; None for ``LF``, ``Hr_SAI_y``, or the
+            only array of views.
+        grid: ``(V, U)`` of tiled views; None to detect it.
+
+    Returns:
+        The light field, named after the file.
+
+    Raises:
+        InputError: If the file cannot be read, h5py is missing, or no or several arrays are views.
+
+    Warns:
+        GridWarning: If the axes are not in the usual order, which is guessed from their sizes.
+        UserWarning: If the ground truth cannot be used, because attributes are missing.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".mat" and not _is_hdf5(path):
+        with decoding(path, "a MATLAB file"):
+            arrays = _old_mat_arrays(path)
+        return _read_light_field(path, arrays, {}, key, grid)
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputError(
+            f"{path}: reading HDF5 needs h5py; run pip install 'occjax[published]'"
+        ) from error
+    with decoding(path, "an HDF5 file"), h5py.File(path, "r") as file:
+        found: dict[str, StoredArray] = {}
+        written_by_matlab = path.suffix.lower() == ".mat" or file.userblock_size > 0
+
+        def add(name: str, stored: Any) -> None:
+            numeric = isinstance(stored, h5py.Dataset) and stored.dtype.kind in "biuf"
+            if numeric and not name.startswith("#"):
+                matlab = written_by_matlab or "MATLAB_class" in stored.attrs or None
+                found[name] = StoredArray(
+                    stored.shape, partial(np.asarray, stored), dict(stored.attrs), matlab
+                )
+
+        file.visititems(add)
+        return _read_light_field(path, found, dict(file.attrs), key, grid)
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Return whether a file is HDF5, with or without the header of MATLAB."""
+    with reading(path), path.open("rb") as file:
+        start = file.read(520)
+    return b"\x89HDF\r\n\x1a\n" in (start[:8], start[512:])
+
+
+def _old_mat_arrays(path: Path) -> dict[str, StoredArray]:
+    """Return the arrays of a ``.mat`` file of a version before 7.3."""
+    import scipy.io
+
+    arrays = {name: value for name, value in scipy.io.loadmat(path).items() if name[0] != "_"}
+    return {
+        name: StoredArray(value.shape, partial(np.asarray, value))
+        for name, value in arrays.items()
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+    }
+
+
+def _read_light_field(
+    path: Path,
+    arrays: dict[str, StoredArray],
+    attributes: dict[str, Any],
+    key: str | None,
+    grid: tuple[int, int] | None,
+) -> LightField:
+    """Read the views and what belongs to them."""
+    name = _find_views(path, arrays, key)
+    stored = arrays[name]
+    order = "HW"
+    if len(stored.shape) == 2:
+        views = check_views(path, _tiled_views(path, name, stored, grid))
+    else:
+        orders, array = _orders(path, name, stored), stored.read()
+        readings = [check_views(path, to_usual_order(array, order)) for order in orders]
+        chosen = 0 if len(orders) == 1 else most_consistent(readings)
+        views, order = readings[chosen], orders[chosen]
+        if not order.startswith("VUHW"):
+            warnings.warn(
+                f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}]; "
+                "save it as [V, U, H, W, C] if that is wrong",
+                GridWarning,
+                stacklevel=3,
+            )
+    calibration, missing = old_hci_camera({**stored.attributes, **attributes}, views.shape[2:4])
+    depth = arrays.get("GT_DEPTH")
+    if missing and (depth or len(missing) < 3):
+        warnings.warn(
+            f"{path}: has no attribute {' and '.join(missing)}, so metric depth and GT_DEPTH are "
+            "not used; add the attributes",
+            stacklevel=3,
+        )
+    truth = None
+    if depth and calibration:
+        values = depth.read()
+        if values.ndim == len(order.replace("C", "")):
+            values = to_usual_order(values, order.replace("C", ""))
+        elif order.index("W") < order.index("H"):
+            values = values.T
+        truth = old_hci_disparity(path, values, calibration, views.shape[:4])
+    return LightField(
+        views=views, name=path.stem, source=path, calibration=calibration, ground_truth=truth
+    )
+
+
+def _find_views(path: Path, arrays: dict[str, StoredArray], key: str | None) -> str:
+    """Return the name of the views."""
+    if key is not None:
+        matching = [name for name in arrays if key in (name, name.rsplit("/")[-1])]
+    else:
+        matching = [name for name in KNOWN_KEYS if name in arrays][:1] or [
+            name
+            for name, stored in arrays.items()
+            if axis_roles(stored.shape) and not any(s in name.lower() for s in ("depth", "disp"))
+        ]
+    if len(matching) == 1:
+        return matching[0]
+    content = [f"{name} {list(stored.shape)}" for name, stored in arrays.items()]
+    shown = ", ".join(content[:8]) + (", ..." if len(content) > 8 else "")
+    if key is not None:
+        problem = f"has no array {key!r}" if not matching else f"has several arrays {key!r}"
+    else:
+        problem = "has several arrays of views" if matching else "has no array of views"
+    advice = "save the views as [V, U, H, W, C]" if not arrays else "pass key (--key NAME)"
+    raise InputError(f"{path}: {problem} (it has: {shown or 'none'}); {advice}")
+
+
+def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
+    """Return the plausible orders of the axes of the views."""
+    named = stored.attributes.get("axes")
+    if isinstance(named, bytes):
+        named = named.decode("utf-8", errors="replace")
+    if isinstance(named, str) and (order := named_axis_order(named, stored.shape)):
+        return [order]
+    roles = axis_roles(stored.shape)
+    if not roles:
+        raise InputError(
+            f"{path}: {name} is {list(stored.shape)}, in which no order of the axes V, U (views), "
+            "H, W (pixels) and C (colours) is plausible; save the views as [V, U, H, W, C]"
+        )
+    # Programs that store the last axis last rarely store the images first, or before the colours.
+    matlab = [
+        role.startswith(("S", "CS")) if stored.reversed is None else stored.reversed
+        for role in roles
+    ]
+    return [axis_order(role, reverse=reverse) for role, reverse in zip(roles, matlab, strict=True)]
+
+
+def _tiled_views(
+    path: Path, name: str, stored: StoredArray, grid: tuple[int, int] | None
+) -> np.ndarray:
+    """Return views that are tiled in two axes."""
+    image = stored.read()
+    if stored.reversed or (stored.reversed is None and "_SAI_" in name):  # written by MATLAB
+        image = image.T
+    found = grid or repeated_tiles(image)
+    if found is None:
+        raise InputError(
+            f"{path}: {name} is {list(image.shape)}, whose grid of tiles is unknown; "
+            "pass grid (--grid V U)"
+        )
+    return split_tiles(image[..., None], found)

@@ -1,0 +1,87 @@
+"""Images of high dynamic range: OpenEXR files and tone mapping."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from occjax.errors import InputError
+
+HDR_SUFFIXES = (".exr", ".hdr")
+"""Suffixes of images of high dynamic range, in lower case."""
+
+MU = 5000.0
+"""Compression of the mu-law, as in Kalantari and Ramamoorthi (2017), equation 5."""
+
+WHITE_PERCENTILE = 99.9
+"""Percentile of the pixels that becomes white."""
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """Read the first part of an OpenEXR file.
+
+    Args:
+        path: File with the channels R, G, B, or with one channel other than A; scanlines or tiles.
+
+    Returns:
+        ``[H, W, C]`` float32, C of 3 or 1.
+
+    Raises:
+        InputError: If the package OpenEXR is not installed, or there are other channels.
+    """
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise InputError(
+            f"{path}: reading EXR needs OpenEXR; run pip install 'occjax[exr]'"
+        ) from error
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {name: np.array(c.pixels, np.float32) for name, c in file.channels().items()}
+    names = [name for name in channels if name != "A"]
+    if {"R", "G", "B"} <= set(names):
+        names = ["R", "G", "B"]
+    elif len(names) != 1:
+        raise InputError(
+            f"{path}: has the channels {', '.join(channels)}; save it with R, G and B, or with one"
+        )
+    return np.stack([channels[name] for name in names], axis=-1)
+
+
+def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
+    r"""Return views in [0, 1], by one mu-law for all views if they have other values.
+
+    ``log(1 + mu x / white) / log(1 + mu)``, which keeps differences in dark and bright parts.
+
+    Args:
+        path: File or folder of the views, for the message.
+        views: ``[V, U, H, W, C]`` of any type.
+
+    Returns:
+        The views as they are if they are integers or in [0, 1], else mapped views, float32.
+
+    Warns:
+        UserWarning: If the views are mapped.
+
+    Example:
+        >>> with warnings.catch_warnings(action="ignore"):
+        ...     mapped = tone_mapped(Path("a.exr"), np.array([0.0, 0.5, 8.0]))
+        >>> mapped.astype(float).round(2).tolist()
+        [0.0, 0.68, 1.0]
+    """
+    if not np.issubdtype(views.dtype, np.floating) or not np.isfinite(views).all():
+        return views
+    low, high = float(views.min()), float(views.max())
+    if low >= 0.0 and high <= 1.0:
+        return views
+    if high <= 0.0:
+        raise InputError(f"{path}: no pixel is positive; save the views with values above 0")
+    white = float(np.percentile(views, WHITE_PERCENTILE)) or high
+    warnings.warn(
+        f"{path}: pixels reach from {low:.4g} to {high:.4g}; they are tone-mapped by a mu-law with "
+        f"white at {white:.4g}; map them to [0, 1] yourself if you need another mapping",
+        stacklevel=2,
+    )
+    unit = np.clip(views / np.float32(white), 0.0, 1.0)
+    return (np.log1p(MU * unit) / np.log1p(MU)).astype(np.float32)

@@ -1,0 +1,13 @@
+"""Assignment of the files of a folder to views, by their names.
+
+:mod:`~occjax.io.naming.patterns` turns file name patterns into regular expressions,
+:mod:`~occjax.io.naming.proposals` finds the pattern of unknown names,
+:mod:`~occjax.io.naming.arrangement` arranges matched names as a grid, and
+:mod:`~occjax.io.naming.views` combines them.
+"""
+
+from occjax.io.naming.arrangement import GridWarning, NamedViews
+from occjax.io.naming.patterns import FolderLayout, pattern_to_regex
+from occjax.io.naming.views import find_views
+
+__all__ = ["FolderLayout", "GridWarning", "NamedViews", "find_views", "pattern_to_regex"]

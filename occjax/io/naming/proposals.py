@@ -1,0 +1,77 @@
+"""The patterns that fit file names of an unknown layout."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import defaultdict
+from pathlib import PurePosixPath
+
+_FIELD = re.compile(
+    r"(?:(?<![A-Za-z\d])[+-])?\d+|(?<![A-Za-z])[A-Za-z](?![A-Za-z])|(?<=[a-z])[A-Z](?![A-Za-z])"
+)
+"""A number, a letter that stands alone, or a capital at the end of a word in small letters. A sign
+after a letter or digit is a separator."""
+
+MIN_FILLED_FRACTION = 0.5
+"""Smallest fraction of the places of a grid that the files must fill."""
+
+
+def propose_patterns(names: list[str]) -> list[str]:
+    """Return the patterns that fit the names of the images in a folder.
+
+    The names may differ in any number of fields, for instance in the row, the column, and the
+    camera position. Two fields that take all combinations of their values are row and column. If
+    there are none, two fields that take most combinations are, else one field that differs in all
+    names is the number of the view.
+
+    Args:
+        names: Names of the images.
+
+    Returns:
+        Patterns for :func:`~occjax.io.naming.patterns.pattern_to_regex`; more than one if several
+        pairs of fields fill a grid; empty if nothing fits.
+
+    Example:
+        >>> propose_patterns(["x+0_-1_8.png", "x+0_+0_9.png", "x+1_-1_7.png", "x+1_+0_3.png"])
+        ['x+{v}_{u}_*.png']
+    """
+    groups = defaultdict(list)
+    for name in names:
+        path = PurePosixPath(name)
+        groups[_FIELD.sub("\0", path.stem), path.suffix].append(path.stem)
+    if not groups:
+        return []
+    (template, suffix), stems = max(groups.items(), key=lambda item: len(item[1]))
+    if len(stems) <= len(names) / 2:
+        return []
+    columns = list(zip(*(_FIELD.findall(stem) for stem in stems), strict=True))
+    different: dict[tuple[int, ...], int] = {}  # the first of the fields that vary in the same way
+    for index, values in enumerate(columns):
+        if len(set(values)) > 1:
+            different.setdefault(tuple(map(values.index, values)), index)
+    fields = list(different.values())
+    fixed = {index: values[0] for index, values in enumerate(columns) if len(set(values)) == 1}
+    pairs = {
+        (a, b): len(stems) / (len(set(columns[a])) * len(set(columns[b])))
+        for a, b in itertools.combinations(fields, 2)
+        if len(set(zip(columns[a], columns[b], strict=True))) == len(stems)
+    }
+    chosen = [pair for pair, filled in pairs.items() if filled == 1.0] or [
+        pair for pair, filled in pairs.items() if filled >= MIN_FILLED_FRACTION
+    ]
+    if chosen:
+        return [_pattern(template, suffix, {a: "{v}", b: "{u}"}, fixed) for a, b in chosen]
+    numbers = [index for index in fields if len(set(columns[index])) == len(stems)]
+    return [_pattern(template, suffix, {index: "{i}"}, fixed) for index in numbers[:1]]
+
+
+def _pattern(template: str, suffix: str, chosen: dict[int, str], fixed: dict[int, str]) -> str:
+    """Write the fields into the template; those that are neither chosen nor fixed become ``*``."""
+    fields = itertools.count()
+    return re.sub("\0", lambda _: _field(next(fields), chosen, fixed), template) + suffix
+
+
+def _field(index: int, chosen: dict[int, str], fixed: dict[int, str]) -> str:
+    """Return the text of one field of a pattern."""
+    return chosen.get(index) or fixed.get(index, "*")

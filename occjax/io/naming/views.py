@@ -1,0 +1,119 @@
+"""Search for the views of a light field among the files of a folder."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterable
+
+from occjax.errors import InputError
+from occjax.io.hdr import HDR_SUFFIXES
+from occjax.io.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from occjax.io.naming.arrangement import (
+    GridWarning,
+    NamedViews,
+    arrange_by_number,
+    arrange_by_row_and_column,
+    first_few,
+)
+from occjax.io.naming.patterns import EXAMPLES, NAMES, FolderLayout, pattern_to_regex
+from occjax.io.naming.proposals import propose_patterns
+
+
+def find_views(
+    folder: str,
+    names: Iterable[str],
+    *,
+    layout: FolderLayout | None = None,
+    pattern: str | None = None,
+    grid: tuple[int, int] | None = None,
+) -> tuple[FolderLayout | None, NamedViews]:
+    """Assign the files of a folder to views.
+
+    Args:
+        folder: Name of the folder, for messages.
+        names: Names of the files in it.
+        layout: Layout of the file names; None to detect it.
+        pattern: File name pattern that replaces a known layout.
+        grid: ``(V, U)``; None to take it from the names. It is required if the names have one
+            running number and the views do not form a square.
+
+    Returns:
+        The layout (None for a pattern) and the views.
+
+    Raises:
+        InputError: If no layout or more than one fits, or views are missing.
+
+    Warns:
+        GridWarning: If the names are read by a pattern that was found.
+    """
+    names = sorted(names)
+    usual = [name for name in names if not name.lower().endswith(HDR_SUFFIXES)]
+    if pattern is None and any(name.lower().endswith(IMAGE_SUFFIXES) for name in usual):
+        names = usual  # depth maps are often stored as EXR next to the views
+    if pattern is not None:
+        matches, expected = _matching(names, pattern_to_regex(pattern)), f"matches {pattern!r}"
+    elif layout is None and (layout := _detect_layout(folder, names)) is None:
+        return None, find_views(folder, names, pattern=_propose(folder, names), grid=grid)[1]
+    else:
+        matches = _matching(names, NAMES[layout])
+        expected = f"is named like {EXAMPLES[layout]!r}"
+    if not matches:
+        raise InputError(f"{folder}: no file {expected}{_found(names)}")
+    scenes = {match.groupdict().get("scene") for match in matches}
+    if len(scenes) > 1:
+        raise InputError(
+            f"{folder}: has views of several scenes ({first_few(sorted(map(str, scenes)))}); "
+            "move each to a folder of its own"
+        )
+    arrange = arrange_by_number if "i" in matches[0].groupdict() else arrange_by_row_and_column
+    return layout, arrange(folder, matches, grid)
+
+
+def _matching(names: list[str], regex: re.Pattern[str]) -> list[re.Match[str]]:
+    """Return the matches of the names that match as a whole."""
+    return [match for match in map(regex.fullmatch, names) if match]
+
+
+def _detect_layout(folder: str, names: list[str]) -> FolderLayout | None:
+    """Return the only layout that fits names of the folder; None if no layout fits."""
+    fitting = [layout for layout, regex in NAMES.items() if _matching(names, regex)]
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        raise InputError(
+            f"{folder}: has files of several layouts ({', '.join(fitting)}); "
+            f"pass layout (--layout {fitting[0]}, or another of them)"
+        )
+    return None
+
+
+def _propose(folder: str, names: list[str]) -> str:
+    """Return the only pattern that fits the names of the images in the folder."""
+    images = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
+    unsupported = [name for name in names if name.lower().endswith(UNSUPPORTED_SUFFIXES)]
+    if not images and unsupported:
+        raise InputError(
+            f"{folder}: has images in an unsupported format ({first_few(unsupported)}); "
+            "convert them to PNG"
+        )
+    if not images:
+        raise InputError(f"{folder}: has no images{_found(names)}")
+    patterns = propose_patterns(images)
+    if len(patterns) == 1:
+        warnings.warn(
+            f"{folder}: file names read by --pattern {patterns[0]!r}; pass another if it is wrong",
+            GridWarning,
+            stacklevel=4,
+        )
+        return patterns[0]
+    proposed = [*patterns, "view_{v}_{u}.png", "view_{i}.png"][: len(patterns) or 2]
+    raise InputError(
+        f"{folder}: the file names match no known layout{_found(images)}; "
+        f"pass pattern (--pattern {' or '.join(map(repr, proposed))})"
+    )
+
+
+def _found(names: list[str]) -> str:
+    """Describe the files that a folder contains instead of the expected ones."""
+    return f" (it has: {first_few(names)})" if names else " (it is empty)"

@@ -1,0 +1,145 @@
+"""HDF5 and .mat files: the order of axes, the camera, and the choice among several arrays."""
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from occjax.errors import InputError
+from occjax.io import GridWarning, join_tiles, load, read_pfm
+from tests.io.scenes import two_planes
+
+VIEWS = np.round(two_planes((3, 5), (40, 48))[0] * 255).astype(np.uint8)
+CAMERA = {"dH": [0.02], "focalLength": 600.0, "camDistance": 4.0}
+
+
+def load_unchecked(path, **options):
+    return load(path, check_orientation=False, **options)
+
+
+def write(path, arrays, attributes=None, userblock=0):
+    with h5py.File(path, "w", userblock_size=userblock) as file:
+        for name, array in arrays.items():
+            file[name] = array
+        file.attrs.update(attributes or {})
+    return path
+
+
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("version", ["7", "7.3"])
+@pytest.mark.parametrize("order", ["VUHWC", "HWVUC", "HWCVU", "VUCHW", "CHWVU"])
+def test_axes_of_mat_files_are_found(tmp_path, version, order, channels):
+    views = VIEWS[..., :channels]
+    array = views.transpose(["VUHWC".index(letter) for letter in order])
+    if channels == 1:
+        array = array.squeeze(order.index("C"))
+    if version == "7":
+        scipy.io.savemat(tmp_path / "scene.mat", {"light": array, "name": "scene"})
+    else:
+        write(tmp_path / "scene.mat", {"light": array.T, "#refs#/a": VIEWS}, userblock=512)
+    np.testing.assert_array_equal(load_unchecked(tmp_path / "scene.mat").views, views)
+
+
+def test_axes_of_hdf5_of_matlab_are_reversed_and_told(tmp_path):
+    path = write(tmp_path / "scene.h5", {"light": VIEWS.T})
+    with pytest.warns(GridWarning, match=r"light is .*, read as \[C, W, H, U, V\]"):
+        np.testing.assert_array_equal(load_unchecked(path).views, VIEWS)
+
+
+@pytest.mark.parametrize("name", ["group.h5", "superresolution.h5", "depth_with_holes.h5"])
+@pytest.mark.parametrize("grid", [None, (3, 3)])
+def test_files_of_other_projects(shared, name, grid):
+    folder = shared / "data/cases/hdf5"
+    light_field = load(folder / name, grid=grid)
+    truth = read_pfm(folder / "truth.pfm")
+    assert light_field.grid == (3, 3)
+    assert light_field.image_size == truth.shape
+    report = light_field.view_order_report
+    assert not report.clearly_worse
+    assert report.disparity_range[0] <= truth.min()
+    assert report.disparity_range[1] >= truth.max()
+
+
+def test_holes_in_depth_are_masked(shared):
+    folder = shared / "data/cases/hdf5"
+    disparity = load_unchecked(folder / "depth_with_holes.h5").ground_truth
+    assert np.isnan(disparity).sum() == 9
+    visible = np.isfinite(disparity)
+    np.testing.assert_allclose(
+        disparity[visible], read_pfm(folder / "truth.pfm")[visible], atol=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("attributes", "shift"),
+    [
+        (CAMERA, 0.02 * 600 / 4.0),
+        ({**CAMERA, "shift": [2.5]}, 2.5),
+        ({**CAMERA, "shift": 0.0}, 0.0),
+        ({"dH": 0.02, "focalLength": 600.0, "shift": -1.5}, -1.5),
+    ],
+)
+@pytest.mark.parametrize("stored", ["grid", "centre", "matlab"])
+def test_old_hci_files_have_disparity_from_depth(tmp_path, attributes, shift, stored):
+    depth = np.linspace(2.0, 6.0, 40 * 48).reshape(40, 48)
+    arrays = {"LF": VIEWS, "GT_DEPTH": depth}
+    if stored == "grid":
+        arrays["GT_DEPTH"] = np.broadcast_to(depth, (3, 5, 40, 48))
+    if stored == "matlab":
+        arrays = {name: array.T for name, array in arrays.items()}
+    path = write(tmp_path / "buddha.h5", arrays, attributes)
+    if stored == "matlab":
+        with pytest.warns(GridWarning, match=r"\[3, 48, 40, 5, 3\], read as \[C, W, H, U, V\]"):
+            light_field = load_unchecked(path)
+    else:
+        light_field = load_unchecked(path)
+    np.testing.assert_array_equal(light_field.views, VIEWS)
+    np.testing.assert_allclose(light_field.ground_truth, 0.02 * 600 / depth - shift, atol=1e-5)
+    again = light_field.calibration.depth(light_field.ground_truth, light_field.image_size)
+    np.testing.assert_allclose(again, depth, rtol=1e-4)
+
+
+def test_missing_attributes_are_named(tmp_path):
+    arrays = {"LF": VIEWS, "GT_DEPTH": np.ones((40, 48))}
+    path = write(tmp_path / "buddha.h5", arrays, {"dH": 0.1})
+    with pytest.warns(UserWarning, match=r"no attribute focalLength and shift \(or camDistance\)"):
+        light_field = load_unchecked(path)
+    assert light_field.calibration is None
+    assert light_field.ground_truth is None
+
+
+def test_tiles_of_superresolution_sets_are_transposed(tmp_path):
+    grey = VIEWS[..., :1]
+    path = write(tmp_path / "a.h5", {"Hr_SAI_y": join_tiles(grey)[..., 0].T, "Lr_SAI_y": [[1.0]]})
+    np.testing.assert_array_equal(load_unchecked(path).views, grey)
+
+
+def test_the_key_chooses_among_arrays(tmp_path):
+    arrays = {"a/left": VIEWS, "a/right": VIEWS[::-1], "weights": np.ones((3, 2))}
+    path = write(tmp_path / "scene.h5", arrays)
+    content = r"\(it has: a/left \[3, 5, 40, 48, 3\], a/right .*, weights \[3, 2\]\); pass key"
+    with pytest.raises(InputError, match=f"has several arrays of views {content}"):
+        load(path)
+    with pytest.raises(InputError, match=f"has no array 'LF' {content}"):
+        load(path, key="LF")
+    for key in ("right", "a/right"):
+        np.testing.assert_array_equal(load_unchecked(path, key=key).views, VIEWS[::-1])
+
+
+def test_implausible_shapes_are_refused_with_the_axes_named(tmp_path):
+    path = write(tmp_path / "scene.h5", {"LF": np.zeros((9, 9, 6, 6, 6))})
+    with pytest.raises(InputError, match=r"no order of the axes V, U \(views\), H, W \(pixels\)"):
+        load(path)
+    np.save(tmp_path / "scene.npy", np.zeros((3, 80, 64, 3, 3), np.uint8))
+    with pytest.raises(InputError, match=r"looks like \[C, H, W, V, U\]; transpose it"):
+        load(tmp_path / "scene.npy")
+
+
+def test_a_missing_h5py_is_reported_with_the_install_command(tmp_path, monkeypatch):
+    (tmp_path / "buddha.h5").touch()
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InputError, match=r"buddha\.h5.*pip install 'occjax\[published\]'"):
+        load(tmp_path / "buddha.h5")

@@ -1,0 +1,141 @@
+"""File names: patterns, the patterns of unknown names, and the grid that they form."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from occjax.errors import InputError
+from occjax.io import GridWarning, load, read_pfm
+from occjax.io.naming.proposals import propose_patterns
+from tests.io.files import save_views
+from tests.io.scenes import two_planes
+
+LETTERS = "abcde"
+
+
+@pytest.fixture(scope="module")
+def views():
+    """5x5 views of two planes, uint8."""
+    return np.round(two_planes((5, 5), (48, 56))[0] * 255).astype(np.uint8)
+
+
+def load_unchecked(path, **options):
+    return load(path, check_orientation=False, **options)
+
+
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+@pytest.mark.parametrize("start", ["painter_059_", "IMG_"])
+@pytest.mark.parametrize("columns", [5, 25])
+def test_a_grid_of_numbered_views_is_told_from_one_row(tmp_path, views, columns, start):
+    """The names SCENE_059_00 ... SCENE_059_24 are 25 cameras, or a row of 25 views."""
+    if columns == 25:
+        views = np.round(two_planes((1, 25), (48, 56), far=-0.2, near=0.3)[0] * 255).astype(
+            np.uint8
+        )
+    folder = save_views(tmp_path, views, lambda v, u: f"{start}{columns * v + u:02d}.png")
+    np.testing.assert_array_equal(load_unchecked(folder).views, views)
+    assert load_unchecked(folder, grid=(1, 25)).grid == (1, 25)
+    assert load_unchecked(folder, grid=(5, 5)).grid == (5, 5)
+
+
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+def test_several_frames_are_no_grid(tmp_path, views):
+    for frame in (59, 60):
+        save_views(tmp_path, views, lambda v, u, f=frame: f"painter_{f:03d}_{5 * v + u:02d}.png")
+    with pytest.raises(InputError, match=r"has 2 frames of 5x5 views .* 'painter_059_\{i\}\.png'"):
+        load_unchecked(tmp_path)
+    loaded = load_unchecked(tmp_path, pattern="painter_059_{i}.png")
+    np.testing.assert_array_equal(loaded.views, views)
+    assert load_unchecked(tmp_path, grid=(2, 25)).grid == (2, 25)
+
+
+def test_a_grid_with_a_square_number_of_columns_is_no_sequence_of_frames(tmp_path):
+    views = np.round(two_planes((3, 9), (48, 56), far=-0.5, near=0.5)[0] * 255).astype(np.uint8)
+    folder = save_views(tmp_path, views, lambda v, u: f"painter_{v:03d}_{u:02d}.png")
+    np.testing.assert_array_equal(load_unchecked(folder).views, views)
+
+
+def test_frame_camera_case(shared):
+    with pytest.warns(GridWarning, match="16 views taken as 4x4; pass grid"):
+        light_field = load(shared / "data/cases/frame_camera")
+    assert light_field.grid == (4, 4)
+    assert not light_field.view_order_report.clearly_worse
+    low, high = light_field.view_order_report.disparity_range
+    truth = read_pfm(shared / "data/cases/frame_camera/truth.pfm")
+    assert low <= truth.min()
+    assert high >= truth.max()
+
+
+def test_double_underscore_case(shared):
+    light_field = load(shared / "data/cases/double_underscore")
+    assert light_field.grid == (3, 3)
+    np.testing.assert_allclose(
+        light_field.positions, np.stack(np.mgrid[-1:2, -1:2], axis=-1), atol=1e-4
+    )
+
+
+@pytest.mark.filterwarnings("ignore:.*views taken as 5x5")
+@pytest.mark.parametrize(
+    ("name", "pattern"),
+    [
+        (lambda v, u: f"image_{v - 2:+d}_{u - 2:+d}.png", "image_{v}_{u}.png"),
+        (lambda v, u: f"cam-{LETTERS[v].upper()}{u + 1}.png", "cam-{v}{u}.png"),
+        (lambda v, u: f"view{v}-{u}_{7.25 * v - 20:.6f}_{u + 0.1 * v:.3f}_.png", None),
+        (lambda v, u: f"row{LETTERS[v].upper()}_{u}.png", "row{v}_{u}.png"),
+        (lambda v, u: f"x{10 * v}y{10 * u}.png", "x{v}y{u}.png"),
+        (lambda v, u: f"IMG_{731 + 3 * (5 * v + u):04d}.png", "IMG_{i}.png"),
+    ],
+)
+def test_the_pattern_of_unknown_names_is_found_and_told(tmp_path, views, name, pattern):
+    folder = save_views(tmp_path, views, name)
+    with pytest.warns(GridWarning, match="read by --pattern") as warned:
+        np.testing.assert_array_equal(load_unchecked(folder).views, views)
+    if pattern is not None:
+        assert f"--pattern {pattern!r}" in str(warned[0].message)
+
+
+def test_several_patterns_are_listed():
+    names = [f"a{v}b{u}c{w}.png" for v in range(2) for u in range(2) for w in range(2)]
+    assert propose_patterns(names) == []
+    latin = [f"a{v}b{u}c{(u + v) % 3}.png" for v in range(3) for u in range(3)]
+    assert propose_patterns(latin) == ["a{v}b{u}c*.png", "a{v}b*c{u}.png", "a*b{v}c{u}.png"]
+
+
+def test_several_patterns_are_refused(tmp_path, views):
+    save_views(tmp_path, views, lambda v, u: f"a{v}b{u}c{(u + v) % 5}.png")
+    with pytest.raises(InputError, match=r"pass pattern \(--pattern 'a\{v\}b\{u\}c\*\.png' or"):
+        load_unchecked(tmp_path)
+
+
+def test_wildcards_in_patterns(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"{v}_{u}_{17 * v - u}.png")
+    loaded = load_unchecked(folder, pattern="{v}_{u}_*.png")
+    np.testing.assert_array_equal(loaded.views, views)
+
+
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+def test_serpentine_order(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"{5 * v + (4 - u if v % 2 else u)}.png")
+    np.testing.assert_array_equal(load_unchecked(folder, order="serpentine").views, views)
+    tiles = np.concatenate([np.concatenate(list(row), axis=1) for row in views], axis=0)
+    Image.fromarray(tiles).save(tmp_path / "tiles.png")
+    turned = load_unchecked(tmp_path / "tiles.png", grid=(5, 5), order="serpentine").views
+    np.testing.assert_array_equal(turned[1], views[1, ::-1])
+    np.testing.assert_array_equal(turned[::2], views[::2])
+
+
+def test_numbers_with_gaps_are_counted_not_subtracted(tmp_path, views):
+    save_views(tmp_path, views[:, :4], lambda v, u: f"IMG_{731 + 3 * (5 * v + u):04d}.png")
+    with pytest.raises(InputError, match=r"20 views up to .* do not form a square grid"):
+        load_unchecked(tmp_path, pattern="IMG_{i}.png")
+    assert load_unchecked(tmp_path, pattern="IMG_{i}.png", grid=(5, 4)).grid == (5, 4)
+
+
+def test_no_advice_repeats_what_was_passed(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png")
+    with pytest.raises(InputError, match="show 5x5 views, not 4x4; leave out grid"):
+        load_unchecked(folder, grid=(4, 4))
+    (folder / "s_03_04.png").unlink()
+    with pytest.raises(InputError, match=r"views is missing \(s_03_04\.png\); add it") as error:
+        load_unchecked(folder)
+    assert "--grid" not in str(error.value)
