@@ -103,7 +103,7 @@ def busiest_square(grey: np.ndarray, side: int) -> tuple[slice, slice]:
         >>> image = np.zeros((6, 9))
         >>> image[1, 7] = 1.0
         >>> busiest_square(image, 3)
-        (slice(0, 3, None), slice(6, 9, None))
+        (slice(0, 3, None), slice(5, 8, None))
     """
     rim = [min(length // 8, (length - side) // 2) for length in grey.shape]
     texture = np.zeros(grey.shape)

@@ -40,7 +40,7 @@ def save_weights(
         InputError: If the variables do not fit the configuration, or the file has another suffix.
 
     Example:
-        >>> import tempfile
+        >>> import tempfile, jax
         >>> path = Path(tempfile.mkdtemp()) / "weights.safetensors"
         >>> config = preset("tiny")
         >>> zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape), variable_shapes(config))
