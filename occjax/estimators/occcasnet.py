@@ -11,7 +11,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
-from occjax.estimators.ranges import choose_range, notes_on_limits
+from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.lightfield import LightField
 from occjax.models.occcasnet import OccCasNetConfig, StageOutput, predict
 from occjax.ops import confidence
@@ -53,7 +53,8 @@ class OccCasNetEstimator:
             InputError: If the light field has too few views, the requested range is wider than that
                 of the network, or the network needs a ground truth that is missing.
         """
-        light_field, notes = _crop(light_field, self.config.views)
+        light_field, cropped = _crop(light_field, self.config.views)
+        notes = [*self.notes, *cropped]
         if light_field.positions is not None:
             notes.append("the irregular camera positions are ignored: the network assumes a grid")
         candidates = np.asarray(self.config.stages[0].candidates, np.float32)
@@ -115,14 +116,7 @@ class OccCasNetEstimator:
 
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""
-        limits = notes_on_limits(outputs["disparity"], inputs.disparity_range)
-        return Estimate(
-            **outputs,
-            disparity_range=inputs.disparity_range,
-            model=self.name,
-            weights=self.weights,
-            notes=(*self.notes, *inputs.notes, *limits),
-        )
+        return estimate_from_maps(self.name, self.weights, inputs, outputs)
 
 
 def _crop(light_field: LightField, views: tuple[int, int]) -> tuple[LightField, list[str]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
-from occjax.estimators.ranges import choose_range, notes_on_limits
+from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.lightfield import LightField, to_grey, view_offsets
 from occjax.models.proposal import ProposalConfig, ProposalNet, ProposalOutput
 from occjax.view_selection import select_view_indices
@@ -27,7 +27,6 @@ class ProposalEstimator:
         variables: Variables of the network.
         weights: Name of the weights, or None.
         precision: Type of the selector's convolutions.
-        notes: Messages for the user.
     """
 
     name: str
@@ -35,7 +34,6 @@ class ProposalEstimator:
     variables: dict = field(default_factory=dict, compare=False)
     weights: str | None = field(default=None, compare=False)
     precision: str = "float32"
-    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def prepare(
         self, light_field: LightField, disparity_range: DisparityRange | None
@@ -106,11 +104,4 @@ class ProposalEstimator:
 
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""
-        limits = notes_on_limits(outputs["disparity"], inputs.disparity_range)
-        return Estimate(
-            **outputs,
-            disparity_range=inputs.disparity_range,
-            model=self.name,
-            weights=self.weights,
-            notes=(*self.notes, *inputs.notes, *limits),
-        )
+        return estimate_from_maps(self.name, self.weights, inputs, outputs)

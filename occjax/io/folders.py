@@ -19,7 +19,7 @@ from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import HciConfig, read_hci_config
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
-from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views
+from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
 from occjax.io.pfm import read_pfm
 from occjax.lightfield import LightField, centre_index
 
@@ -113,10 +113,9 @@ def _file_names(folder: Path, *, nested: bool) -> list[str]:
             what = "a folder" if entry.is_dir() else "a link to a missing file"
             raise InputError(f"{entry.path}: is {what}, not an image; replace or remove it")
     if folders and not any(name.lower().endswith(IMAGE_SUFFIXES) for name in files):
-        some = ", ".join(folders[:4]) + (", ..." if len(folders) > 4 else "")
         raise InputError(
-            f"{folder}: has no images; it has folders: {some}; name one of them, or pass pattern "
-            "(--pattern 'row{v}/c{u}.png')"
+            f"{folder}: has no images; it has folders: {first_few(folders)}; name one of them, or "
+            "pass pattern (--pattern 'row{v}/c{u}.png')"
         )
     return files
 

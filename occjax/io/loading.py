@@ -22,8 +22,8 @@ from occjax.io.naming import FolderLayout
 from occjax.layout import Orientation, ViewOrderReport, check, declaration, declared_orientation
 from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField
 
-Layout = Literal["hci", "lytro", "urbanlf", "stanford", "tiled", "macpi", "quilt", "array", "hdf5"]
-"""Layout of the files of a light field; the first four are folders."""
+Layout = Literal[FolderLayout, Mosaic, "array", "hdf5"]
+"""Layout of the files of a light field."""
 
 
 class ViewOrderWarning(UserWarning):
@@ -136,7 +136,7 @@ def _read(
             raise InputError(f"{path}: is a folder, but layout {layout!r} is a file; name the file")
         in_folder = cast(FolderLayout | None, layout)
         return read_folder(path, layout=in_folder, pattern=pattern, grid=grid, progress=progress)
-    if pattern is not None or layout in ("hci", "lytro", "urbanlf", "stanford"):
+    if pattern is not None or layout in get_args(FolderLayout):
         option = f"layout {layout!r}" if pattern is None else f"pattern {pattern!r}"
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
     suffix = path.suffix.lower()

@@ -47,9 +47,9 @@ class LossConfig:
         border: Pixels left out at each side.
         settled: For ProposalNet, weight of pixels at which at most one proposal is wrong
             (:func:`occjax.training.proposal.selection_weight`).
-        accurate_error: For ProposalNet, error up to which a proposal is fully accurate, pixels per
-            view step.
-        wrong_error: For ProposalNet, error from which on a proposal is wrong, pixels per view step.
+        accurate_error: For ProposalNet, largest error of an accurate proposal, pixels per view
+            step.
+        wrong_error: For ProposalNet, smallest error of a wrong proposal, pixels per view step.
     """
 
     penalty: Penalty = "l1"
