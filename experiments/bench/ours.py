@@ -17,7 +17,7 @@ from occjax.estimators import make_estimator, run_estimator
 from occjax.lightfield import LightField, view_offsets
 from occjax.models import OccCasNet, predict, variable_shapes
 from occjax.training.config import OptimiserConfig, TrainConfig
-from occjax.training.step import state_of, train_step
+from occjax.training.step import state_from_variables, train_step
 
 RANGE = (-4.0, 4.0)
 """Disparities that the proposal network searches, pixels per view step."""
@@ -102,7 +102,7 @@ def train(problem: Problem, *, rate: float, precision: str = "float32") -> Progr
         visibility=jnp.ones(views.shape, bool),
         valid=jnp.ones(truth.shape, bool),
     )
-    state = state_of(_variables(problem), config)
+    state = state_from_variables(_variables(problem), config)
 
     def run():
         nonlocal state

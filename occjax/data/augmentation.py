@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from occjax.data.samples import LightFieldSample
-from occjax.data.transforms import Symmetry, crop, turn_sample
+from occjax.data.transforms import Symmetry, crop, transform_sample
 from occjax.errors import InputError
 
 
@@ -173,7 +173,7 @@ def random_symmetry(
     drawn = jax.random.bernoulli(key, shape=(3,))
     for symmetry, happens in zip(get_args(Symmetry), drawn, strict=True):
         if turns if symmetry == "transpose" else flips:
-            turn = partial(turn_sample, symmetry=symmetry)
+            turn = partial(transform_sample, symmetry=symmetry)
             sample = jax.lax.cond(happens, turn, lambda same: same, sample)
     return sample
 

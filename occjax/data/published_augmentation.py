@@ -13,7 +13,7 @@ import numpy as np
 
 from occjax.data.samples import LightFieldSample, numpy_sample
 from occjax.data.scenes import Scene
-from occjax.data.transforms import rotate, turn_sample
+from occjax.data.transforms import rotate, transform_sample
 from occjax.errors import InputError
 from occjax.lightfield import centre_index
 
@@ -125,7 +125,7 @@ def published_symmetry(
         The sample or one of its seven mirror images and rotations.
     """
     if generator.integers(2):
-        sample = turn_sample(sample, "flip_rows")
+        sample = transform_sample(sample, "flip_rows")
     return rotate(sample, int(generator.integers(4)))
 
 

@@ -60,7 +60,7 @@ def procedural_source(
     return source
 
 
-def kept_source(
+def cached_source(
     config: SceneConfig,
     count: int,
     batch_size: int,

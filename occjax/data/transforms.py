@@ -23,7 +23,7 @@ Symmetry = Literal["transpose", "flip_rows", "flip_columns"]
 mirrors left to right. Together they generate the eight symmetries of a square."""
 
 
-def turn_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1)) -> Any:
+def transform_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1)) -> Any:
     """Flip or transpose images.
 
     Args:
@@ -35,7 +35,7 @@ def turn_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1
         The transformed array.
 
     Example:
-        >>> turn_images(np.array([[1, 2], [3, 4]]), "flip_rows").tolist()
+        >>> transform_images(np.array([[1, 2], [3, 4]]), "flip_rows").tolist()
         [[3, 4], [1, 2]]
     """
     if symmetry == "transpose":
@@ -45,7 +45,7 @@ def turn_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-2, -1
     return images[tuple(index)]
 
 
-def turn_offsets(offsets: Any, symmetry: Symmetry) -> Any:
+def transform_offsets(offsets: Any, symmetry: Symmetry) -> Any:
     """Flip or transpose view offsets.
 
     Args:
@@ -56,7 +56,7 @@ def turn_offsets(offsets: Any, symmetry: Symmetry) -> Any:
         ``[..., 2]`` transformed offsets.
 
     Example:
-        >>> turn_offsets(np.array([1, 2]), "flip_rows").tolist()
+        >>> transform_offsets(np.array([1, 2]), "flip_rows").tolist()
         [-1, 2]
     """
     if symmetry == "transpose":
@@ -65,7 +65,7 @@ def turn_offsets(offsets: Any, symmetry: Symmetry) -> Any:
     return offsets * np.broadcast_to(signs, offsets.shape)
 
 
-def turn_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightFieldSample:
+def transform_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightFieldSample:
     """Flip or transpose a light field: pixels and views together.
 
     Views keep the order of a grid, from top to bottom and left to right. Where that would move the
@@ -85,21 +85,21 @@ def turn_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightFieldSampl
         >>> from occjax.lightfield import view_offsets
         >>> images = np.arange(6, dtype=np.float32).reshape(3, 1, 2, 1)
         >>> sample = numpy_sample(images, view_offsets(3, 1), images[1, 0])
-        >>> turn_sample(sample, "flip_rows").views[:, 0, :, 0].tolist()
+        >>> transform_sample(sample, "flip_rows").views[:, 0, :, 0].tolist()
         [[5.0, 4.0], [3.0, 2.0], [1.0, 0.0]]
     """
     v, u = sample.views.shape[:2]
     reorder = {"transpose": v == u, "flip_rows": v % 2 == 1, "flip_columns": u % 2 == 1}[symmetry]
 
-    def turn_grid(values):
-        return turn_images(values, symmetry, axes=(0, 1)) if reorder else values
+    def transform_grid(values):
+        return transform_images(values, symmetry, axes=(0, 1)) if reorder else values
 
     return LightFieldSample(
-        views=turn_images(turn_grid(sample.views), symmetry),
-        offsets=turn_offsets(turn_grid(sample.offsets), symmetry),
-        disparity=turn_images(sample.disparity, symmetry),
-        visibility=turn_images(turn_grid(sample.visibility), symmetry),
-        valid=turn_images(sample.valid, symmetry),
+        views=transform_images(transform_grid(sample.views), symmetry),
+        offsets=transform_offsets(transform_grid(sample.offsets), symmetry),
+        disparity=transform_images(sample.disparity, symmetry),
+        visibility=transform_images(transform_grid(sample.visibility), symmetry),
+        valid=transform_images(sample.valid, symmetry),
     )
 
 
@@ -114,7 +114,7 @@ def rotate(sample: LightFieldSample, quarter_turns: int) -> LightFieldSample:
         The rotated sample.
     """
     for _ in range(quarter_turns % 4):
-        sample = turn_sample(turn_sample(sample, "transpose"), "flip_rows")
+        sample = transform_sample(transform_sample(sample, "transpose"), "flip_rows")
     return sample
 
 

@@ -65,7 +65,7 @@ class OccCasNetEstimator:
         if search_range is not None and not (low <= search_range[0] and search_range[1] <= high):
             candidates = candidates + np.float32((sum(search_range) - (low + high)) / 2)
             low, high = float(candidates[0]), float(candidates[-1])
-            notes.append(f"candidates moved to [{low:.2f}, {high:.2f}]")
+            notes.append(f"the searched disparities are [{low:.2f}, {high:.2f}]")
         if search_range is not None and search_range[1] - search_range[0] > high - low + 1e-6:
             message = (
                 f"the network covers {high - low:g} pixels of disparity, less than the range "

@@ -20,7 +20,7 @@ CONFIG_FILE = "config.json"
 MAY_CHANGE = ("steps", "occjax")
 """Settings that may differ when training is resumed: it may be longer, and the package newer."""
 
-SCORE = "score"
+SCORE_KEY = "score"
 """Name of the number that selects the best checkpoint; lower is better."""
 
 
@@ -78,7 +78,7 @@ class Checkpoints:
         step = int(state.step)
         if step != self.latest_step:
             # The manager warns about checkpoints without a score.
-            metrics = {SCORE: math.inf if score is None else score}
+            metrics = {SCORE_KEY: math.inf if score is None else score}
             self._manager.save(step, args=ocp.args.StandardSave(state), metrics=metrics)
 
     def restore(self, like: TrainState) -> TrainState:
@@ -120,4 +120,4 @@ def open_training_folder(folder: Path, description: Mapping[str, Any]) -> None:
 
 
 def _score(metrics: Mapping[str, float]) -> float:
-    return metrics[SCORE]
+    return metrics[SCORE_KEY]

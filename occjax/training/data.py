@@ -14,7 +14,7 @@ from occjax.data.folders import folder_source, published_source
 from occjax.data.pool import pool_source
 from occjax.data.procedural import SceneConfig
 from occjax.data.scenes import load_scenes
-from occjax.data.sources import Source, kept_source, mixture, procedural_source
+from occjax.data.sources import Source, cached_source, mixture, procedural_source
 from occjax.errors import InputError
 from occjax.models import ModelConfig, ProposalConfig
 from occjax.training.prepared import PatchConfig, prepared_source
@@ -142,7 +142,7 @@ def fixed(source: BatchSource) -> BatchSource:
 
 
 def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
-    make = partial(kept_source, count=config.kept) if config.kept else procedural_source
+    make = partial(cached_source, count=config.kept) if config.kept else procedural_source
     return make(config.scenes, batch_size=batch_size, seed=seed, augmentation=config.augmentation)
 
 

@@ -31,10 +31,10 @@ from occjax.training.step import (
     TrainState,
     init_state,
     shardings,
-    state_of,
+    state_from_variables,
     train_step,
 )
-from occjax.training.validation import SCORE, ValidationScene, check_scenes, validate
+from occjax.training.validation import SELECTION_METRIC, ValidationScene, check_scenes, validate
 
 WEIGHTS_FILE = "weights.safetensors"
 BEST_FILE = "best.safetensors"
@@ -155,7 +155,7 @@ def train(
 def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) -> TrainState:
     if weights is None:
         return init_state(config, batch)
-    return state_of(load_weights(weights, config.network)[0], config)
+    return state_from_variables(load_weights(weights, config.network)[0], config)
 
 
 def _placed(state: TrainState, sharding: jax.sharding.Sharding) -> TrainState:
@@ -188,7 +188,7 @@ class _Keeper:
         score = None
         if validating and self._validates(done):
             scores = self._validate(state, done)
-            score, best = scores[SCORE], self.checkpoints.best_score
+            score, best = scores[SELECTION_METRIC], self.checkpoints.best_score
             if best is None or score < best:
                 self._save_weights(state, BEST_FILE, done)
         self.checkpoints.save(state, score=score)

@@ -25,7 +25,7 @@ from occjax.data.augmentation import AugmentationConfig, random_noise, random_to
 from occjax.data.pool import DESCRIPTION, light_field_files, read_sample
 from occjax.data.samples import LightFieldSample, select_views, to_device
 from occjax.data.sources import check_batch_size
-from occjax.data.transforms import Symmetry, turn_images, turn_offsets
+from occjax.data.transforms import Symmetry, transform_images, transform_offsets
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.files import decoding
@@ -300,11 +300,11 @@ def random_patch(
     sample = jax.tree.map(lambda field: field[window], sample)
     for symmetry, drawn in zip(get_args(Symmetry), generator.integers(0, 2, 3), strict=True):
         if drawn and (augmentation.turns if symmetry == "transpose" else augmentation.flips):
-            sample = turn_prepared(sample, symmetry, offsets)
+            sample = transform_prepared(sample, symmetry, offsets)
     return sample
 
 
-def turn_prepared(
+def transform_prepared(
     sample: PreparedSample, symmetry: Symmetry, offsets: tuple[tuple[int, int], ...]
 ) -> PreparedSample:
     """Flip or transpose a prepared light field: pixels and views together.
@@ -326,11 +326,11 @@ def turn_prepared(
     }
     order = np.empty_like(sectors)
     order[turned_sectors[symmetry] % SECTORS] = sectors
-    sample = jax.tree.map(lambda field: turn_images(field, symmetry), sample)
+    sample = jax.tree.map(lambda field: transform_images(field, symmetry), sample)
     proposed, costs = sample.packed.proposed, ProposalCosts(sample.packed.costs)
     proposals = np.arange(len(proposed))
     for number, offset in enumerate(offsets, start=1):
-        proposals[number] = 1 + offsets.index(tuple(turn_offsets(np.array(offset), symmetry)))
+        proposals[number] = 1 + offsets.index(tuple(transform_offsets(np.array(offset), symmetry)))
     turned = costs.permute_sectors(order).channels[proposals]
     packed = sample.packed._replace(proposed=proposed[proposals], costs=turned)
     return sample._replace(packed=packed)

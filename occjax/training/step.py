@@ -70,7 +70,7 @@ def init_state(config: TrainConfig, batch: Batch) -> TrainState:
         ['batch_stats', 'params']
     """
     example = jax.tree.map(lambda field: jnp.asarray(field[0]), batch)
-    return state_of(_init(jax.random.key(config.seed), example, config.network), config)
+    return state_from_variables(_init(jax.random.key(config.seed), example, config.network), config)
 
 
 @partial(jax.jit, static_argnames="network")
@@ -78,7 +78,7 @@ def _init(key: Array, example: Batch, network: ModelConfig) -> dict:
     return task_of(network).init(key, example)
 
 
-def state_of(variables: dict, config: TrainConfig) -> TrainState:
+def state_from_variables(variables: dict, config: TrainConfig) -> TrainState:
     """Return the state before the first step, with given weights.
 
     Args:

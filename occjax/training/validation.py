@@ -25,7 +25,7 @@ from occjax.training.tasks import task_of
 from occjax.view_selection import Selection
 from occjax.viz.colour import disparity_colours, error_colours, limits
 
-SCORE = f"badpix_{BAD_PIXEL_THRESHOLD:g}"
+SELECTION_METRIC = f"badpix_{BAD_PIXEL_THRESHOLD:g}"
 """Name of the score whose mean over the scenes selects the best checkpoint."""
 
 ERROR_LIMIT = 0.3
@@ -220,8 +220,8 @@ def check_scenes(scenes: Sequence[ValidationScene], *, border: int) -> None:
         h, w = valid.shape
         if not valid[border : h - border, border : w - border].any():
             raise InputError(
-                f"{scene.name}: no pixel with ground truth lies {border} pixels inside its "
-                f"{h}x{w}; pass a smaller validation_border or leave it out"
+                f"{scene.name}: no pixel of its {h}x{w} has ground truth and is at least "
+                f"{border} pixels from the border; pass a smaller validation_border or leave it out"
             )
 
 

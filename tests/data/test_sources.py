@@ -11,7 +11,7 @@ from occjax.data import sources
 from occjax.data.augmentation import AugmentationConfig
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import LightFieldSample
-from occjax.data.sources import kept_source, mixture, procedural_source, shares
+from occjax.data.sources import cached_source, mixture, procedural_source, shares
 from occjax.errors import InputError
 from tests.data.scenes import cheap_scene
 
@@ -119,7 +119,7 @@ def test_procedural_light_fields_are_numbered_by_the_seed():
 
 
 @pytest.mark.usefixtures("generator")
-@pytest.mark.parametrize("make", [procedural_source, partial(kept_source, count=1)])
+@pytest.mark.parametrize("make", [procedural_source, partial(cached_source, count=1)])
 def test_light_fields_are_augmented_by_the_step_and_the_sample(make):
     options = {"batch_size": 2, "seed": 5, "augmentation": AugmentationConfig(crop=(6, 6))}
     first, second = make(CONFIG, **options), make(CONFIG, **options)
@@ -134,7 +134,7 @@ def test_light_fields_are_augmented_by_the_step_and_the_sample(make):
 def test_kept_light_fields_are_those_of_the_procedural_source():
     rendered = [procedural_source(CONFIG, 2, seed=5)(step) for step in range(3)]
     disparity = np.concatenate([batch.disparity for batch in rendered])
-    source, again = (kept_source(CONFIG, 5, 2, seed=5) for _ in range(2))
+    source, again = (cached_source(CONFIG, 5, 2, seed=5) for _ in range(2))
     seen = set()
     for step in (3, 0, *range(12)):
         batch = source(step)
@@ -155,10 +155,10 @@ def test_empty_sources_are_refused():
     with pytest.raises(InputError, match="batch_size is 0"):
         procedural_source(CONFIG, 0, seed=0)
     with pytest.raises(InputError, match="at least 1"):
-        kept_source(CONFIG, 0, 2, seed=0)
+        cached_source(CONFIG, 0, 2, seed=0)
 
 
 @pytest.mark.usefixtures("generator")
 def test_more_light_fields_than_the_memory_holds_are_refused():
     with pytest.raises(InputError, match=r"to keep take \d+ GB, more than the memory"):
-        kept_source(CONFIG, 10**13, 2, seed=0)(0)
+        cached_source(CONFIG, 10**13, 2, seed=0)(0)

@@ -5,7 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.data.transforms import crop, rotate, turn_images, turn_offsets, turn_sample
+from occjax.data.transforms import (
+    crop,
+    rotate,
+    transform_images,
+    transform_offsets,
+    transform_sample,
+)
 from occjax.errors import InputError
 from occjax.lightfield import centre_index, view_offsets
 from tests.data.scenes import DISC, assert_consistent, disc_before_a_wall, star
@@ -31,7 +37,7 @@ ON_IMAGES = {
 def turned(name, sample):
     """The sample changed by one of ``ON_IMAGES``."""
     turns = {"quarter turn": 1, "three quarter turns": 3}
-    return rotate(sample, turns[name]) if name in turns else turn_sample(sample, name)
+    return rotate(sample, turns[name]) if name in turns else transform_sample(sample, name)
 
 
 def test_the_scene_itself_is_consistent_and_has_occlusions():
@@ -67,7 +73,9 @@ def test_four_quarter_turns_are_none():
 @pytest.mark.parametrize("name", ["transpose", "flip_rows", "flip_columns"])
 def test_offsets_turn_as_the_pixels_of_a_map_of_them(name):
     offsets = view_offsets(5, 5)
-    np.testing.assert_array_equal(turn_offsets(turn_images(offsets, name, (0, 1)), name), offsets)
+    np.testing.assert_array_equal(
+        transform_offsets(transform_images(offsets, name, (0, 1)), name), offsets
+    )
 
 
 @pytest.mark.parametrize("arrangement", ["even grid", "star"])

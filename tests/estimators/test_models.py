@@ -29,7 +29,7 @@ def test_range_elsewhere_moves_the_candidates(estimators, scene):
     result = run_estimator(estimators["tiny"], scene, disparity_range=(4.0, 6.0))
     assert result.disparity_range == (3.0, 7.0)
     assert result.coarse.min() >= 3.0
-    assert "candidates moved to [3.00, 7.00]" in result.notes
+    assert "the searched disparities are [3.00, 7.00]" in result.notes
 
 
 def test_light_fields_that_do_not_fit_occcasnet_are_refused(estimators, scene):

@@ -10,7 +10,7 @@ from occjax.data.augmentation import AugmentationConfig
 from occjax.data.pool import read_sample, render_pool
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import to_device
-from occjax.data.transforms import turn_sample
+from occjax.data.transforms import transform_sample
 from occjax.errors import InputError
 from occjax.io.run_folder import read_description, write_description
 from occjax.models import preset
@@ -79,8 +79,8 @@ def test_turning_prepared_light_fields_equals_preparing_turned_ones(symmetry, sa
             np.asarray, PreparedSample(pack(proposals), sample.disparity, sample.valid)
         )
 
-    turned = prepared.turn_prepared(packed(proposals), symmetry, OFFSETS).packed
-    expected = packed(proposals_of(turn_sample(sample, symmetry))).packed
+    turned = prepared.transform_prepared(packed(proposals), symmetry, OFFSETS).packed
+    expected = packed(proposals_of(transform_sample(sample, symmetry))).packed
     difference = np.abs(turned.disparity - expected.disparity)
     # Planes are fitted along columns, then along rows; transposed, in the other order.
     assert np.median(difference) < 5e-3

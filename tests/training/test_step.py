@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occjax.training import cascade_loss, init_state, task_of, train_step
-from occjax.training.step import shardings, state_of
+from occjax.training.step import shardings, state_from_variables
 from tests.reference.variables import random_variables
 
 
@@ -19,7 +19,7 @@ def distance(one, other):
 
 
 def first_state(config):
-    return state_of(random_variables(config.network), config)
+    return state_from_variables(random_variables(config.network), config)
 
 
 @pytest.fixture(scope="module")
