@@ -7,10 +7,10 @@ Read a light field with :func:`load` and estimate the disparity of its centre vi
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from occjax.errors import InputError
+from occjax.lazy import lazy_names
 
 if TYPE_CHECKING:
     from occjax import data, estimators, evaluation, io, layout, models, ops, results, training, viz
@@ -43,27 +43,16 @@ __all__ = [
     "viz",
 ]
 
-_HOME = {
-    "Calibration": "occjax.lightfield",
-    "Estimate": "occjax.estimators",
-    "Estimator": "occjax.estimators",
-    "LightField": "occjax.lightfield",
-    "check": "occjax.layout",
-    "estimate": "occjax.estimators",
-    "load": "occjax.io",
-    "make_estimator": "occjax.estimators",
-}
-"""Module of each name that is imported when it is first used, so that ``import occjax`` is fast."""
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name or subpackage when it is first used."""
-    if name in _HOME:
-        return getattr(importlib.import_module(_HOME[name]), name)
-    if name in __all__:
-        return importlib.import_module(f"occjax.{name}")
-    raise AttributeError(f"module 'occjax' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "occjax": (
+            *("data", "estimators", "evaluation", "io", "layout", "models", "ops", "results"),
+            *("training", "viz"),
+        ),
+        "occjax.lightfield": ("Calibration", "LightField"),
+        "occjax.estimators": ("Estimate", "Estimator", "estimate", "make_estimator"),
+        "occjax.io": ("load",),
+        "occjax.layout": ("check",),
+    },
+)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import functools
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,19 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.export
 import jax.numpy as jnp
 import numpy as np
-import platformdirs
-from jax.experimental.compilation_cache import compilation_cache
+from jax.export import Exported, export
 from numpy.typing import ArrayLike
 
+from occjax import programs
 from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
-from occjax.ops import occlusion_maps
 
 ReportPhase = Callable[[str], None]
 """Function that is called with the name of each phase when it begins."""
@@ -123,7 +119,11 @@ def run_estimator(
     with phase("prepare", "preparing"):
         inputs = estimator.prepare(light_field, disparity_range)
         arguments = (inputs.variables, inputs.views, *inputs.others)
-    with phase("compile", "compiling"):
+    compiling = "compiling, once for this size and number of views"
+    with (
+        phase("compile", "loading the program"),
+        programs.reporting(lambda: report_phase(compiling)),
+    ):
         leaves, structure = jax.tree.flatten(arguments)
         shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
         compiled = _compile(estimator, structure, shapes)
@@ -162,7 +162,7 @@ def export_estimator(
     *,
     disparity_range: DisparityRange | None = None,
     platforms: tuple[str, ...] | None = None,
-) -> jax.export.Exported:
+) -> Exported:
     """Export the estimator as portable StableHLO with weights and candidates inside.
 
     The export runs without occjax, wherever StableHLO runs. Write ``exported.serialize()`` to a
@@ -201,40 +201,27 @@ def export_estimator(
 
     grid = inputs.views.shape[:2] if indices is None else light_field.grid
     shape = jax.ShapeDtypeStruct((*grid, *image_shape), inputs.views.dtype)
-    return jax.export.export(jax.jit(run), platforms=platforms)(shape)
+    return export(jax.jit(run), platforms=platforms)(shape)
 
 
 @functools.lru_cache(maxsize=64)
-def _compile(estimator: Any, structure: Any, shapes: tuple) -> Callable:
-    """Compile an estimator for arguments of these shapes."""
-    _enable_compilation_cache()
-    arguments = jax.tree.unflatten(structure, shapes)
-    compiled = jax.jit(estimator.run).lower(*arguments).compile()
-    _release_memory()
-    return compiled
+def _compile(estimator: Any, structure: Any, shapes: tuple) -> Callable[..., Any]:
+    """Compile an estimator for arguments of these shapes, or load the program that was kept."""
+    return programs.load_or_compile(estimator.run, structure, shapes, _identity(estimator))
 
 
-def _enable_compilation_cache() -> None:
-    """Keep compiled programs in the user's cache folder, unless the user configured another one."""
-    if getattr(jax.config, "jax_compilation_cache_dir", None) is None:
-        folder = Path(platformdirs.user_cache_dir("occjax")) / "xla"
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
-        # JAX decides at the first compilation of a process whether there is a cache.
-        compilation_cache.reset_cache()
+def _identity(estimator: Any) -> tuple | None:
+    """Return what the program of an estimator of this package depends on."""
+    kind = type(estimator)
+    if not kind.__module__.startswith("occjax."):
+        return None  # its source code may change without a trace
+    compared = [field.name for field in dataclasses.fields(estimator) if field.compare]
+    values = tuple((name, getattr(estimator, name)) for name in compared)
+    return (kind.__module__, kind.__qualname__, values)
 
 
-@jax.jit
+@programs.kept
 def _occlusion_maps(views, disparity, offsets):
+    from occjax.ops import occlusion_maps
+
     return occlusion_maps(views, disparity, offsets=offsets)
-
-
-def _release_memory() -> None:
-    """Return the memory that the compiler has freed, about 0.5 GB, to the system.
-
-    The C library of most Linux systems keeps it unless ``malloc_trim`` is called.
-    """
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)

@@ -13,8 +13,7 @@ from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.lightfield import LightField
-from occjax.models.occcasnet import OccCasNetConfig, StageOutput, predict
-from occjax.ops import confidence
+from occjax.models.occcasnet.config import OccCasNetConfig
 
 TRANSPOSED_NOTE = (
     "warp: transposed, as in the published code (rows move with u); pass --warp correct to override"
@@ -91,6 +90,10 @@ class OccCasNetEstimator:
         ground_truth: jax.Array | None,
     ) -> dict[str, Any]:
         """Apply the network in strips; the least certain stage gives the confidence."""
+        # Only when it is traced: a kept program needs neither Flax nor the network.
+        from occjax.models.occcasnet import StageOutput, predict
+        from occjax.ops import confidence
+
         stages: tuple[StageOutput, ...] = predict(
             variables,
             views,

@@ -13,7 +13,7 @@ from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.lightfield import LightField, to_grey, view_offsets
-from occjax.models.proposal import ProposalConfig, ProposalNet, ProposalOutput
+from occjax.models.proposal.config import ProposalConfig
 from occjax.view_selection import select_view_indices
 
 
@@ -90,6 +90,9 @@ class ProposalEstimator:
         limits: jax.Array,
     ) -> dict[str, Any]:
         """Apply the network and clip the disparity to the searched range."""
+        # Only when it is traced: a kept program needs neither Flax nor the network.
+        from occjax.models.proposal import ProposalNet, ProposalOutput
+
         network = ProposalNet(self.config, dtype=jnp.dtype(self.precision))
         output = network.apply(variables, views, candidates=candidates, offsets=offsets)
         assert isinstance(output, ProposalOutput)

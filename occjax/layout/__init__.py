@@ -7,14 +7,21 @@ orders, :mod:`~occjax.layout.consistency` compares the views under each of them,
 combines the results.
 """
 
-from occjax.layout.config import ViewOrderConfig
-from occjax.layout.orientation import (
-    ORIENTATIONS,
-    Orientation,
-    declaration,
-    declared_orientation,
-)
-from occjax.layout.report import ViewOrderReport, check, disparity_range_of
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from occjax.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from occjax.layout.config import ViewOrderConfig
+    from occjax.layout.orientation import (
+        ORIENTATIONS,
+        Orientation,
+        declaration,
+        declared_orientation,
+    )
+    from occjax.layout.report import ViewOrderReport, check, disparity_range_of
 
 __all__ = [
     "ORIENTATIONS",
@@ -26,3 +33,17 @@ __all__ = [
     "declared_orientation",
     "disparity_range_of",
 ]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "occjax.layout.config": ("ViewOrderConfig",),
+        "occjax.layout.orientation": (
+            "ORIENTATIONS",
+            "Orientation",
+            "declaration",
+            "declared_orientation",
+        ),
+        "occjax.layout.report": ("ViewOrderReport", "check", "disparity_range_of"),
+    },
+)

@@ -17,10 +17,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -28,7 +26,7 @@ from jaxtyping import Array, Float
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.orientation import Orientation
 from occjax.lightfield import LightField, centre_index, to_grey, view_offsets
-from occjax.ops import refined_volume
+from occjax.programs import kept
 
 Image = TypeVar("Image", np.ndarray, Array)
 
@@ -221,20 +219,22 @@ def _start_arm(cross: Cross, arm: Arm, axis: int, candidates: np.ndarray) -> lis
     radius = cross.config.cost_radii_px[n - 1]
     padded = np.pad(candidates, (0, -len(candidates) % CANDIDATES_PER_CALL), mode="edge")
     return [
-        _arm_volume(cross.centre, arm.images, offsets, np.float32(part), radius)
+        _arm_volume(cross.centre, arm.images, offsets, np.float32(part), radius=radius)
         for part in padded.reshape(-1, CANDIDATES_PER_CALL)
     ]
 
 
-@partial(jax.jit, static_argnames="radius")
+@kept
 def _arm_volume(
     centre: Float[Array, "h w"],
     images: Float[Array, "n h w"],
     offsets: Float[Array, "n 2"],
     candidates: Float[Array, " d"],
+    *,
     radius: int,
 ) -> Float[Array, "d h w"]:
     """Return the local mean of the absolute difference of shifted views from the centre view."""
+    from occjax.ops import refined_volume  # only when it is traced
 
     def combine(views: Float[Array, "1 n h w 1"], _: Array | None) -> Float[Array, "h w"]:
         differences = jnp.abs(views[0, ..., 0] - centre[None])

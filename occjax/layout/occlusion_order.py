@@ -13,13 +13,13 @@ visible in neither view, and would vote for the wrong sign.
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from occjax.kernels.bilinear import inside_view, warp_plane
 from occjax.layout.consistency import Arm, Cross, motion
 from occjax.layout.orientation import Orientation
+from occjax.programs import kept
 
 
 def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientation) -> float | None:
@@ -73,7 +73,7 @@ def _project_to_outermost(
     return disparity * offset[axis], np.abs(shown - cross.centre), inside
 
 
-@jax.jit
+@kept
 def _warp(
     image: Float[Array, "h w"], disparity: Float[Array, "h w"], offset: Float[Array, "2"]
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:

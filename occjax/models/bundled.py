@@ -63,6 +63,16 @@ def bundled_weights() -> tuple[BundledWeights, ...]:
     return tuple(BundledWeights(**entry) for entry in entries)
 
 
+def is_intact(path: Path) -> bool:
+    """Return whether a file is one of those in the package, unchanged, by its checksum.
+
+    Args:
+        path: An existing file.
+    """
+    shipped = {weights.sha256 for weights in bundled_weights() if weights.path == path}
+    return bool(shipped) and hashlib.sha256(path.read_bytes()).hexdigest() in shipped
+
+
 def find_weights(name_or_path: str | Path) -> Path:
     """Return the file of weights that are given by a path or by their name in the package.
 

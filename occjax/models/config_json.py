@@ -7,12 +7,13 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from occjax.models import occcasnet, proposal
+from occjax.models.occcasnet import config as occcasnet_config
+from occjax.models.proposal import config as proposal_config
 from occjax.models.registry import ModelConfig
 
 _KINDS: dict[str, Callable[..., Any]] = {
     kind.__name__: kind
-    for module in (occcasnet, proposal)
+    for module in (occcasnet_config, proposal_config)
     for kind in vars(module).values()
     if dataclasses.is_dataclass(kind) and isinstance(kind, type)
 }

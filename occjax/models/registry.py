@@ -8,18 +8,17 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from occjax.errors import InputError
-from occjax.models import occcasnet, proposal
 from occjax.models.occcasnet.config import OccCasNetConfig
-from occjax.models.occcasnet.network import variable_shapes as occcasnet_shapes
+from occjax.models.occcasnet.presets import PRESETS as OCCCASNET_PRESETS
+from occjax.models.proposal.config import PRESETS as PROPOSAL_PRESETS
 from occjax.models.proposal.config import ProposalConfig
-from occjax.models.proposal.network import variable_shapes as proposal_shapes
 
 ModelConfig = OccCasNetConfig | ProposalConfig
 
 Precision = Literal["float32", "bfloat16"]
 """Type of a network's convolutions; parameters stay float32."""
 
-PRESETS: Mapping[str, ModelConfig] = MappingProxyType({**proposal.PRESETS, **occcasnet.PRESETS})
+PRESETS: Mapping[str, ModelConfig] = MappingProxyType({**PROPOSAL_PRESETS, **OCCCASNET_PRESETS})
 """Configurations by model name."""
 
 ALIASES: Mapping[str, str] = MappingProxyType(
@@ -82,6 +81,11 @@ def variable_shapes(config: ModelConfig) -> dict:
         >>> variable_shapes(preset("proposal"))["params"]["selector"]["stay"].shape
         ()
     """
+    # The networks import Flax, which takes long.
     if isinstance(config, OccCasNetConfig):
+        from occjax.models.occcasnet.network import variable_shapes as occcasnet_shapes
+
         return occcasnet_shapes(config)
+    from occjax.models.proposal.network import variable_shapes as proposal_shapes
+
     return proposal_shapes(config)

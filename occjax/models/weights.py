@@ -10,7 +10,6 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from flax import traverse_util
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
@@ -18,8 +17,8 @@ from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.run_folder import first_difference
 from occjax.models.config_json import config_from_json, config_to_json, convert_legacy_names
+from occjax.models.bundled import is_intact
 from occjax.models.occcasnet.config import OccCasNetConfig, Warp
-from occjax.models.occcasnet.keras_weights import load_published_weights
 from occjax.models.registry import ModelConfig, preset, variable_shapes
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
@@ -53,7 +52,7 @@ def save_weights(
         raise InputError(f"{path}: weights are written to .safetensors; rename the file")
     tensors = {
         name: np.asarray(value, order="C")
-        for name, value in traverse_util.flatten_dict(variables, sep="/").items()
+        for name, value in _flattened(variables).items()
     }
     _check_fit(path, tensors, config)
     description = {**(metadata or {}), "config": config_to_json(config)}
@@ -93,6 +92,8 @@ def load_weights(
         if not isinstance(published, OccCasNetConfig):
             raise InputError(f"{path}: the published format is for weights of OccCasNet only")
         published = dataclasses.replace(published, warp=warp or "transposed")
+        from occjax.models.occcasnet.keras_weights import load_published_weights
+
         return load_published_weights(path, published), published
     if suffix != ".safetensors":
         raise InputError(
@@ -134,14 +135,37 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
             f"{path}: holds no model configuration of this version; pass a file that occjax wrote"
         ) from error
     flat = convert_legacy_names(flat)
-    _check_fit(path, flat, config)
-    variables = {name: jnp.asarray(value) for name, value in flat.items()}
-    return traverse_util.unflatten_dict(variables, sep="/"), config
+    if not is_intact(path):  # to trace the shapes of the variables takes a second
+        _check_fit(path, flat, config)
+    return _nested({name: jnp.asarray(value) for name, value in flat.items()}), config
+
+
+def _flattened(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the leaves of nested dictionaries by their paths, such as ``params/conv/kernel``."""
+    flat: dict[str, Any] = {}
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            flat |= _flattened(value, f"{prefix}{name}/")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested dictionaries of leaves that are given by their paths."""
+    tree: dict[str, Any] = {}
+    for path, value in flat.items():
+        *parents, name = path.split("/")
+        node = tree
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        node[name] = value
+    return tree
 
 
 def _check_fit(path: Path, flat: Mapping[str, Any], config: ModelConfig) -> None:
     """Name the first weight that is missing, unknown, of another shape, or not finite."""
-    expected = traverse_util.flatten_dict(variable_shapes(config), sep="/")
+    expected = _flattened(variable_shapes(config))
     for name in (*expected, *flat):
         if name not in flat:
             raise InputError(f"{path}: has no weight {name}")

@@ -1,0 +1,285 @@
+"""Compiled programs, kept in the user's cache folder.
+
+JAX traces a function and compiles it once per process and shape, which takes 10 to 30 seconds for a
+network. JAX's own persistent cache saves only the compilation. This module keeps the whole
+compiled program, so that the next process neither traces nor compiles.
+
+A kept program is machine code in a pickle (:mod:`jax.experimental.serialize_executable`), and
+whoever can write it can run code as the user. Therefore file and folder are used only if they
+belong to the user and nobody else can write them. The name of the file is a hash of everything the
+program depends on: function, shapes, source code of occjax, JAX, its configuration, and the
+machine. A damaged file is replaced without a message.
+
+If the user has configured JAX's persistent cache (``jax_compilation_cache_dir``), that is used and
+nothing is kept here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import pickle
+import platform
+import stat
+import sys
+import tempfile
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
+
+import jax
+import jaxlib
+import platformdirs
+from jax.experimental import serialize_executable
+
+MAX_CACHE_BYTES = 200_000_000
+"""Size of the cache above which the programs that were not used for longest are removed."""
+
+SUFFIX = ".program"
+
+_WITHOUT_EFFECT = ("cache", "dump", "explain", "log", "traceback")
+"""Words in the names of options of JAX on which programs do not depend."""
+
+_report: ContextVar[Callable[[], None]] = ContextVar("report", default=lambda: None)
+
+
+def kept(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a pure function of arrays like ``jax.jit``, and keep its programs.
+
+    Args:
+        function: Function of a module of occjax. Positional arguments are arrays or trees of
+            arrays, keyword arguments are static and hashable.
+
+    Returns:
+        The function, compiled once per shape. It cannot be transformed by JAX.
+    """
+
+    @functools.lru_cache(maxsize=64)
+    def compiled(structure: Any, shapes: tuple, static: tuple) -> Callable[..., Any]:
+        name = (function.__module__, function.__qualname__, static)
+        return load_or_compile(functools.partial(function, **dict(static)), structure, shapes, name)
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **static: Any) -> Any:
+        leaves, structure = jax.tree.flatten(arguments)
+        shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+        return compiled(structure, shapes, tuple(sorted(static.items())))(*arguments)
+
+    return call
+
+
+def load_or_compile(
+    function: Callable[..., Any],
+    structure: Any,
+    shapes: tuple[jax.ShapeDtypeStruct, ...],
+    name: tuple | None,
+) -> Callable[..., Any]:
+    """Return the compiled program of a function, from the cache or by compiling it.
+
+    Args:
+        function: Pure function of arrays.
+        structure: Tree structure of its arguments.
+        shapes: Shapes and types of the leaves of its arguments.
+        name: What the function depends on, next to its arguments and the source code of occjax:
+            its ``repr`` identifies it. None for a function that is not part of occjax; it is
+            traced and identified by the result.
+
+    Returns:
+        The program, which takes the arguments of the function.
+    """
+    arguments = jax.tree.unflatten(structure, shapes)
+    traced = None if name is not None else jax.jit(function).lower(*arguments)
+    folder, path = _private_folder(), None
+    if folder is not None:
+        identity = name if traced is None else (traced.as_text(),)
+        path = folder / (_key(identity, structure, shapes) + SUFFIX)
+
+    def build() -> Callable[..., Any]:
+        _report.get()()
+        compiled = (traced or jax.jit(function).lower(*arguments)).compile()
+        _release_memory()
+        if path is not None:
+            _write(path, compiled)
+        return compiled
+
+    program = None if path is None else _read(path)
+    return build() if program is None else _replaced_if_broken(program, build)
+
+
+@contextmanager
+def reporting(report: Callable[[], None]) -> Iterator[None]:
+    """Call a function before a program is compiled, which takes long, within the block.
+
+    Args:
+        report: The function.
+    """
+    token = _report.set(report)
+    try:
+        yield
+    finally:
+        _report.reset(token)
+
+
+def cache_folder() -> Path:
+    """Return the folder of the kept programs, which may not exist.
+
+    Example:
+        >>> cache_folder().name
+        'programs'
+    """
+    return Path(platformdirs.user_cache_dir("occjax")) / "programs"
+
+
+def cached_programs() -> list[Path]:
+    """Return the kept programs, the one that was used last first."""
+    return [path for _, _, path in _entries(cache_folder())]
+
+
+def clear_cache() -> None:
+    """Remove all kept programs."""
+    for path in cached_programs():
+        path.unlink(missing_ok=True)
+
+
+def _entries(folder: Path) -> list[tuple[int, int, Path]]:
+    """Return time of last use, size and path of each program, the last used first."""
+    found = []
+    for path in folder.glob(f"*{SUFFIX}"):
+        try:
+            status = path.stat()
+        except OSError:  # another process has removed it
+            continue
+        found.append((status.st_mtime_ns, status.st_size, path))
+    return sorted(found, reverse=True)
+
+
+def _private_folder() -> Path | None:
+    """Return the folder of the programs; None if no program can be kept safely."""
+    if jax.config.values["jax_compilation_cache_dir"] is not None or not hasattr(os, "geteuid"):
+        return None
+    folder = cache_folder()
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return folder if _is_private(folder.lstat(), stat.S_ISDIR) else None
+    except OSError:
+        return None
+
+
+def _is_private(status: os.stat_result, is_kind: Callable[[int], bool]) -> bool:
+    """Return whether only the user can write a file or folder of a kind."""
+    others_can_write = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return is_kind(status.st_mode) and status.st_uid == os.geteuid() and not others_can_write
+
+
+def _read(path: Path) -> Any:
+    """Return the program in a file; None if there is none that can be used."""
+    try:
+        # The opened file is checked, since another one could replace it after a check of its path.
+        with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
+            if not _is_private(os.fstat(file.fileno()), stat.S_ISREG):
+                return None
+            data = file.read()
+        content = pickle.loads(zlib.decompress(data))  # its checksum finds damaged files
+        program = serialize_executable.deserialize_and_load(
+            *content, execution_devices=jax.devices()[:1]
+        )
+        os.utime(path)
+    except Exception:  # whatever is wrong with it, the program can be compiled again
+        return None
+    return program
+
+
+def _write(path: Path, program: Any) -> None:
+    """Keep a program if it can be kept; remove those that were not used for longest."""
+    try:
+        data = zlib.compress(pickle.dumps(serialize_executable.serialize(program)), 1)
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:  # mode 0600
+            file.write(data)
+        os.replace(file.name, path)
+        total = 0
+        for _, size, other in _entries(path.parent):
+            total += size
+            if total > MAX_CACHE_BYTES:
+                other.unlink(missing_ok=True)
+    except Exception:  # no space, or a program that cannot be written: it is compiled again
+        return
+
+
+def _replaced_if_broken(
+    program: Callable[..., Any], compile_again: Callable[[], Callable[..., Any]]
+) -> Callable[..., Any]:
+    """Return a program that is compiled again if its first call fails.
+
+    Some versions of XLA load programs in which functions are missing, and find it at the call.
+    """
+    verified: list[Callable[..., Any]] = []
+
+    def call(*arguments: Any) -> Any:
+        if verified:
+            return verified[0](*arguments)
+        try:
+            result = jax.block_until_ready(program(*arguments))
+            verified.append(program)
+        except jax.errors.JaxRuntimeError as error:
+            if "NOT_FOUND" not in str(error):
+                raise
+            verified.append(compile_again())
+            result = verified[0](*arguments)
+        return result
+
+    return call
+
+
+def _key(name: tuple, structure: Any, shapes: tuple) -> str:
+    """Return a hash of everything that a program depends on."""
+    settings = [
+        (option, repr(value))
+        for option, value in sorted(jax.config.values.items())
+        if not any(word in option for word in _WITHOUT_EFFECT)
+    ]
+    current = (jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision)
+    parts = (name, str(structure), shapes, settings, current, _environment())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
+
+
+@functools.cache
+def _environment() -> tuple:
+    """Return what programs depend on that stays the same within a process."""
+    device = jax.devices()[0]
+    source = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        source.update(path.read_bytes())
+    return (
+        source.hexdigest(),
+        (jax.__version__, jaxlib.__version__, platform.python_version()),
+        (device.platform, device.device_kind, device.client.platform_version, jax.device_count()),
+        (platform.machine(), _processor(), os.cpu_count()),
+        [(key, value) for key, value in sorted(os.environ.items()) if key.startswith("XLA_")],
+    )
+
+
+def _processor() -> str:
+    """Return model and instruction sets of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor()
+    fields = ("model name", "flags", "Features", "CPU part")
+    return "\n".join(sorted({line for line in lines if line.startswith(fields)}))
+
+
+def _release_memory() -> None:
+    """Return the memory that the compiler has freed, about 0.5 GB, to the system.
+
+    The C library of most Linux systems keeps it unless ``malloc_trim`` is called.
+    """
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
