@@ -23,7 +23,8 @@ from occjax.viz.colour import (
     disparity_limits,
     limits,
 )
-from occjax.viz.figures import DISPARITY_LABEL, ERROR_LABEL, error_picture, error_scale
+from occjax.viz.figures import DISPARITY_LABEL, ERROR_LABEL
+from occjax.viz.pictures import error_picture, error_scale
 
 GOOD_COLOUR, BAD_COLOUR = "#dce9dc", "#b2182b"
 """Colours of good and bad pixels in a BadPix map."""
@@ -80,7 +81,7 @@ def maps_figure(
             title = f"{name}: BadPix {BAD_PIXEL_THRESHOLD:g}"
             picture = badpix_picture(*pair, BAD_PIXEL_THRESHOLD)
         else:
-            title, picture = f"{name}: error", error_picture(*pair, error_norm, error_colours)
+            title, picture = f"{name}: error", error_picture(*pair)
         above.append(Panel(title, picture, zoom, corner=corners[name]))
     if not binary:
         above = with_bar(above, Bar(error_norm, error_colours, ERROR_LABEL, "both"))

@@ -13,7 +13,8 @@ from occjax.errors import InputError
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.viz.canvas import MARGIN, TEXT, TITLE_HEIGHT, Canvas, whole_zoom
 from occjax.viz.colour import NO_VALUE
-from occjax.viz.figures import error_picture, error_scale, mark_border
+from occjax.viz.figures import mark_border
+from occjax.viz.pictures import error_picture, error_scale
 
 MAX_EQUAL_DIFFERENCE = 0.01
 """Difference up to which two errors count as equal, pixels per view step."""
@@ -165,7 +166,7 @@ def pairwise_figure(
 
     for left, name, estimate in zip(lefts[:2], names, (first, second), strict=True):
         canvas.title(f"Error of {name}", left)
-        axes = canvas.image(error_picture(estimate, ground_truth, norm, colours), left, top, zoom)
+        axes = canvas.image(error_picture(estimate, ground_truth, bad=bad), left, top, zoom)
         mark_border(axes, (height, width), border // step)
     bar = (lefts[0] + 8, bar_top, 2 * panel + gap - 16, 12)
     canvas.bar(norm, colours, "estimate - ground truth", bar, ticks=ticks)

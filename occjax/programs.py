@@ -97,6 +97,7 @@ def load_or_compile(
     folder, path = _private_folder(), None
     if folder is not None:
         identity = name if traced is None else (traced.as_text(),)
+        assert identity is not None
         path = folder / (_key(identity, structure, shapes) + SUFFIX)
 
     def build() -> Callable[..., Any]:
@@ -185,9 +186,10 @@ def _read(path: Path) -> Any:
             if not _is_private(os.fstat(file.fileno()), stat.S_ISREG):
                 return None
             data = file.read()
-        content = pickle.loads(zlib.decompress(data))  # its checksum finds damaged files
+        # Decompression finds damaged files by their checksum.
+        serialized, inputs, outputs = pickle.loads(zlib.decompress(data))
         program = serialize_executable.deserialize_and_load(
-            *content, execution_devices=jax.devices()[:1]
+            serialized, inputs, outputs, execution_devices=jax.devices()[:1]
         )
         os.utime(path)
     except Exception:  # whatever is wrong with it, the program can be compiled again
@@ -243,8 +245,9 @@ def _key(name: tuple, structure: Any, shapes: tuple) -> str:
         for option, value in sorted(jax.config.values.items())
         if not any(word in option for word in _WITHOUT_EFFECT)
     ]
-    current = (jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision)
-    parts = (name, str(structure), shapes, settings, current, _environment())
+    # Context managers change options that are not among these values, such as the default type.
+    double = jax.dtypes.canonicalize_dtype("float64").name
+    parts = (name, str(structure), shapes, settings, double, _environment())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
 
 

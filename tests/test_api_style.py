@@ -86,21 +86,23 @@ def test_options_are_keyword_only(name):
 
 ROOT = Path(occjax.__file__).parent
 
-BASE = {"errors", "lightfield", ""}
-"""What every package may import: exceptions, conventions, and the version of the package itself."""
+BASE = {"errors", "lightfield", "lazy", ""}
+"""What every package may import: exceptions, conventions, lazy imports, and the package's version."""
 
 MAY_IMPORT = {
     "errors": set(),
+    "lazy": set(),
+    "programs": set(),
     "lightfield": {"errors"},
     "view_selection": BASE,
     "kernels": BASE,
     "ops": BASE | {"kernels"},
-    "layout": BASE | {"kernels", "ops", "view_selection"},
+    "layout": BASE | {"kernels", "ops", "programs", "view_selection"},
     "io": BASE | {"kernels", "ops", "layout", "view_selection"},
     "evaluation": BASE | {"kernels", "ops", "layout", "io"},
     "viz": BASE | {"kernels", "ops", "layout", "io", "evaluation"},
     "models": BASE | {"kernels", "ops", "io", "view_selection"},
-    "estimators": BASE | {"kernels", "ops", "layout", "io", "models", "view_selection"},
+    "estimators": BASE | {"kernels", "ops", "layout", "io", "models", "programs", "view_selection"},
     "data": BASE | {"kernels", "ops", "layout", "io", "view_selection"},
     "training": BASE
     | {"kernels", "ops", "layout", "io", "models", "data", "evaluation", "viz"}

@@ -17,8 +17,6 @@ from occjax.io.hci_config import read_hci_config
 from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity
 from occjax.lightfield import Calibration
 from occjax.results.conversion import convert_map, normals, point_cloud, write_points
-from occjax.viz.canvas import save
-from occjax.viz.figures import depth_figure, disparity_figure
 
 Target = Literal["disparity", "depth", "normals", "points"]
 
@@ -215,6 +213,8 @@ def _read_camera(
 def _write_map(target: Path, content: Map, *, picture: bool) -> str:
     """Write the map or its picture; returns a description of what was written."""
     if picture:
+        from occjax.viz import depth_figure, disparity_figure, save
+
         figure = depth_figure if content.quantity == "depth" else disparity_figure
         save(figure(content.values), target)
         return f"picture of {_describe(content)}"

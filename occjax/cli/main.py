@@ -45,6 +45,9 @@ COMMANDS = {
     "weights": Command(
         "weights", "weights_command", "List the weights in the package, or download the published."
     ),
+    "cache": Command(
+        "caching", "cache_command", "Show or remove the compiled programs that are kept."
+    ),
     "pool": Command("pooling", "pool_command", "Render procedural light fields for training."),
     "train": Command("training", "", "Train a network, or resume its training."),
 }

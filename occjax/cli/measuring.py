@@ -10,16 +10,8 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import ViewOrderOptions, option
 from occjax.errors import InputError
-from occjax.evaluation import (
-    BORDER,
-    THRESHOLDS,
-    Metrics,
-    SceneScores,
-    evaluate_files,
-    evaluate_scene,
-    is_scene,
-)
-from occjax.layout import Orientation, ViewOrderReport, check, declared_orientation
+from occjax.evaluation.metrics import BORDER, THRESHOLDS
+from occjax.layout.orientation import declared_orientation
 
 
 def evaluate_command(
@@ -56,6 +48,9 @@ def evaluate_command(
     json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
 ) -> int:
     """Compare a disparity map with the ground truth, as a whole or by region of the scene."""
+    # SciPy and JAX are imported here, so that a wrong argument is reported without them.
+    from occjax.evaluation import Metrics, SceneScores, evaluate_files, evaluate_scene, is_scene
+
     if is_scene(estimate) and not is_scene(ground_truth):
         estimate, ground_truth = ground_truth, estimate
     if metrics is not None and not is_scene(ground_truth):
@@ -96,45 +91,13 @@ def check_command(
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Measure the view order and the disparity range of the scene."""
+    from occjax.cli.view_order_text import format_report
+    from occjax.layout import check
+
     light_field = view_order.load(path, check_orientation=False)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
-    print(
-        _format_report(check(light_field), declared_orientation(view_order.order, view_order.flip))
-    )
+    declared = declared_orientation(view_order.order, view_order.flip)
+    print(format_report(check(light_field), declared))
     return 0
-
-
-def _format_report(report: ViewOrderReport, declared: Orientation) -> str:
-    """Format the consistency of the eight view orders, the best one and the disparity range."""
-    lines = ["", "  mean grey difference from the centre view at the best disparity of each pixel:"]
-    for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
-        lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
-    lines.append("")
-    correct = declared.then(report.best)
-    if report.clearly_worse:
-        flip = f" --flip {correct.flip}" if correct.flip else ""
-        lines.append(f"view order: {report.best.name}; pass --order {correct.order}{flip}")
-    elif report.conclusive:
-        lines.append("view order: as declared")
-    elif report.plausible:
-        lines.append("view order: unknown, the views have too little texture or disparity")
-    else:
-        lines.append(
-            "view order: unknown, none is clearly more consistent than the others; check the "
-            "grid and the file layout"
-        )
-    if report.nearer_in_front is not None:
-        fraction = f"{report.nearer_in_front:.0%}"
-        lines.append(f"  in {fraction} of the occlusions the nearer surface is in front")
-    if report.conclusive and not report.sign_known:
-        lines.append(
-            "  too few occlusions to determine the sign of disparity: with rows and columns\n"
-            "  flipped in addition, the views would be equally consistent"
-        )
-    low, high = report.disparity_range
-    measured = report.measured_fraction
-    source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
-    lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
-    return "\n".join(lines)

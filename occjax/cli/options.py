@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from tyro.conf import arg
 
-from occjax.io.loading import Layout, load
+from occjax.io.layouts import Layout
 from occjax.lightfield import LightField
 
 
@@ -48,4 +48,6 @@ class ViewOrderOptions:
 
     def load(self, path: Path, **options) -> LightField:
         """Read a light field that is stored this way."""
+        from occjax.io.loading import load
+
         return load(path, **dataclasses.asdict(self), **options)

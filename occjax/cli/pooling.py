@@ -7,7 +7,6 @@ from typing import Annotated
 
 from tyro.conf import AvoidSubcommands, Positional, arg
 
-from occjax.data.pool import light_field_files, render_pool
 from occjax.data.procedural import TEXTURED, SceneConfig
 
 
@@ -20,6 +19,8 @@ def pool_command(
     scenes: AvoidSubcommands[SceneConfig] = TEXTURED,
 ) -> int:
     """Render procedural light fields once, to train on them many times."""
+    from occjax.data.pool import light_field_files, render_pool
+
     render_pool(folder, count, scenes, seed)
     print(
         f"{folder}: {len(light_field_files(folder))} light fields\n"

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import NoReturn
 
 from tqdm import tqdm
 
 from occjax.errors import InputError
+
+_collected = threading.local()
+"""Warnings of the threads that collect them, see :func:`collect_warnings`."""
 
 
 def exit_with(command: Callable[[], int]) -> NoReturn:
@@ -28,8 +33,34 @@ def exit_with(command: Callable[[], int]) -> NoReturn:
 
 
 def show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    """Print a warning as one line, without its position in the source code."""
+    """Print or collect a warning, without its position in the source code."""
+    collected = getattr(_collected, "messages", None)
+    if collected is None:
+        print_warning(message)
+    else:
+        collected.append(str(message))
+
+
+def print_warning(message: object) -> None:
+    """Print a warning as one line."""
     tqdm.write(f"occjax: warning: {message}", file=sys.stderr)
+
+
+@contextmanager
+def collect_warnings() -> Iterator[list[str]]:
+    """Collect the warnings of this thread, which are then not printed.
+
+    ``warnings.catch_warnings`` would also catch those of other threads.
+
+    Yields:
+        The messages.
+    """
+    messages: list[str] = []
+    _collected.messages = messages
+    try:
+        yield messages
+    finally:
+        del _collected.messages
 
 
 def _exit_code(command: Callable[[], int]) -> int:

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from occjax.io.arrays import read_arrays, write_arrays
     from occjax.io.atomic import atomic_folder, atomic_path
     from occjax.io.images import read_image
-    from occjax.io.loading import Layout, ViewOrderWarning, load
+    from occjax.io.layouts import Layout
+    from occjax.io.loading import ViewOrderWarning, load
     from occjax.io.maps import Map, read_map, write_map, write_normals
     from occjax.io.mosaics import join_macpi, join_tiles, split_macpi, split_tiles
     from occjax.io.naming import GridWarning
@@ -44,7 +45,8 @@ __getattr__, __dir__ = lazy_names(
         "occjax.io.arrays": ("read_arrays", "write_arrays"),
         "occjax.io.atomic": ("atomic_folder", "atomic_path"),
         "occjax.io.images": ("read_image",),
-        "occjax.io.loading": ("Layout", "ViewOrderWarning", "load"),
+        "occjax.io.layouts": ("Layout",),
+        "occjax.io.loading": ("ViewOrderWarning", "load"),
         "occjax.io.maps": ("Map", "read_map", "write_map", "write_normals"),
         "occjax.io.mosaics": ("join_macpi", "join_tiles", "split_macpi", "split_tiles"),
         "occjax.io.naming": ("GridWarning",),

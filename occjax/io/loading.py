@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import cast, get_args
 
 import numpy as np
 
@@ -17,13 +17,10 @@ from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
-from occjax.io.mosaics import Mosaic, read_mosaic
-from occjax.io.naming import FolderLayout
+from occjax.io.layouts import FolderLayout, Layout, Mosaic
+from occjax.io.mosaics import read_mosaic
 from occjax.layout import Orientation, ViewOrderReport, check, declaration, declared_orientation
 from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField
-
-Layout = Literal[FolderLayout, Mosaic, "array", "hdf5"]
-"""Layout of the files of a light field."""
 
 
 class ViewOrderWarning(UserWarning):

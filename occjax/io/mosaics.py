@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.images import read_image
+from occjax.io.layouts import Mosaic
 from occjax.lightfield import MIN_VIEW_SIZE_PX
-
-Mosaic = Literal["tiled", "macpi", "quilt"]
 
 MIN_SEAM_RATIO = 1.3
 """Ratio of brightness steps at seams to those elsewhere above which an arrangement is detected."""

@@ -16,8 +16,8 @@ from safetensors.numpy import save_file
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.run_folder import first_difference
-from occjax.models.config_json import config_from_json, config_to_json, convert_legacy_names
 from occjax.models.bundled import is_intact
+from occjax.models.config_json import config_from_json, config_to_json, convert_legacy_names
 from occjax.models.occcasnet.config import OccCasNetConfig, Warp
 from occjax.models.registry import ModelConfig, preset, variable_shapes
 
@@ -50,10 +50,7 @@ def save_weights(
     path = Path(path)
     if path.suffix != ".safetensors":
         raise InputError(f"{path}: weights are written to .safetensors; rename the file")
-    tensors = {
-        name: np.asarray(value, order="C")
-        for name, value in _flattened(variables).items()
-    }
+    tensors = {name: np.asarray(value, order="C") for name, value in _flattened(variables).items()}
     _check_fit(path, tensors, config)
     description = {**(metadata or {}), "config": config_to_json(config)}
     with atomic_path(path) as temporary:

@@ -7,19 +7,23 @@ computed in double precision.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.maps import Map, Quantity
 from occjax.io.ply import write_ply
 from occjax.lightfield import Calibration, to_unit_float
-from occjax.ops.geometry import back_project, in_double, surface_normals
 
 METRES = "metres; x right, y up, z to the viewer; centre camera at the origin"
 PIXELS = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
+
+MAX_DIFFERENCE = 0.02
+"""Difference of neighbours on one surface, at most, as a fraction of the range of the map."""
+
+MIN_NEIGHBOURS = 4
+"""Number of the eight neighbours, at least, that are on the surface of a pixel."""
 
 
 class PointCloud(NamedTuple):
@@ -81,8 +85,15 @@ def normals(content: Map, calibration: Calibration) -> np.ndarray:
         >>> normals(Map(np.zeros((3, 3)), "disparity"), camera)[1, 1, 2].round(6).item()
         1.0
     """
+    # In functions, since a relief in pixels needs no JAX.
+    from occjax.ops.geometry import back_project, in_double, surface_normals
+
     depth = convert_map(content, "depth", calibration)
-    return in_double(_normals_of_depth, depth.values, calibration)
+
+    def of_depth(depth: Any, calibration: Calibration) -> Any:
+        return surface_normals(back_project(depth, calibration))
+
+    return in_double(of_depth, depth.values, calibration)
 
 
 def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
@@ -109,6 +120,8 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
         [0.5, 0.5, 0.125]
     """
     if calibration is not None:
+        from occjax.ops.geometry import back_project, in_double
+
         depth = convert_map(content, "depth", calibration)
         return PointCloud(in_double(back_project, depth.values, calibration), METRES)
     if content.quantity == "depth":
@@ -118,6 +131,37 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
     towards_viewer = np.asarray(content.values, np.float64) * max(height, width) / 8.0
     points = np.stack([x - 0.5 * (width - 1), 0.5 * (height - 1) - y, towards_viewer], axis=-1)
     return PointCloud(points, PIXELS)
+
+
+def flying_pixels(disparity: np.ndarray) -> np.ndarray:
+    """Find pixels between two surfaces, which belong to neither.
+
+    At a depth edge an estimate may pass through disparities at which nothing is. A pixel is such a
+    flying pixel if fewer than :data:`MIN_NEIGHBOURS` of its eight neighbours have a similar
+    disparity: one that differs by at most :data:`MAX_DIFFERENCE` of the range of the map.
+
+    Args:
+        disparity: ``[H, W]``, pixels per view step.
+
+    Returns:
+        ``[H, W]`` booleans; pixels without a value are flying pixels.
+
+    Example:
+        >>> edge = np.repeat([[0.0, 0.0, 0.5, 1.0, 1.0]], 4, axis=0)
+        >>> flying_pixels(edge)[1].tolist()
+        [False, False, True, False, False]
+    """
+    finite = disparity[np.isfinite(disparity)]
+    if not finite.size:
+        return np.ones(disparity.shape, bool)
+    low, high = np.percentile(finite, (0.1, 99.9))
+    height, width = disparity.shape
+    padded = np.pad(disparity, 1, mode="edge")
+    similar = np.zeros(disparity.shape, int)
+    for y, x in np.ndindex(3, 3):
+        neighbour = padded[y : y + height, x : x + width]
+        similar += np.abs(neighbour - disparity) <= MAX_DIFFERENCE * (high - low)
+    return similar - 1 < MIN_NEIGHBOURS  # a pixel is similar to itself
 
 
 def write_points(
@@ -160,7 +204,3 @@ def write_points(
         colours = np.broadcast_to(levels, cloud.points.shape).astype(np.uint8)[written]
     write_ply(path, cloud.points[written], colours, comment=cloud.unit)
     return int(written.sum())
-
-
-def _normals_of_depth(depth: jax.Array, calibration: Calibration) -> jax.Array:
-    return surface_normals(back_project(depth, calibration))

@@ -1,18 +1,25 @@
 """The folder of files that an estimate is written to.
 
-====================  ==========================================================================
-``disparity.pfm``     disparity, pixels per view step, in the exchange format of this field
-``disparity.npy``     the same, ``[H, W]`` float32
-``disparity.png``     the same as a figure
-``confidence.png``    confidence in [0, 1]
-``occlusion.png``     occlusion map of each view, if the estimate has them; white is occluded
-``depth.npy``         ``[H, W]`` float32 metres, if the light field is calibrated
-``points.ply``        coloured points: metres if calibrated, else pixels; image pixels
-                      without signal (:func:`has_signal`) are left out
-``error.png``         signed error, if there is ground truth
-``comparison.png``    centre view, ground truth, estimate and error next to each other
-``summary.json``      settings, scores and timings, see :mod:`occjax.results.summary`
-====================  ==========================================================================
+=========================  =====================================================================
+``disparity.pfm``          maps: disparity, pixels per view step, in the exchange format of this
+                           field
+``disparity.npy``          maps: the same, ``[H, W]`` float32
+``confidence.npy``         maps: confidence in [0, 1], ``[H, W]`` float32
+``depth.npy``              maps: ``[H, W]`` float32 metres, if the light field is calibrated
+``disparity_picture.png``  pictures: disparity in colours; pixels without signal are grey
+``confidence.png``         pictures: confidence in colours
+``error.png``              pictures: signed error, if there is ground truth
+``points.ply``             cloud: coloured points, in metres if calibrated, else in pixels, of the
+                           pixels with signal (:func:`has_signal`)
+``comparison.png``         figures: centre view, ground truth, estimate and error next to each
+                           other, with colour bars
+``occlusion.npy``          occlusion: ``[V, U, H, W]`` float16 occlusion map of each view
+``occlusion.png``          occlusion: the same as a figure
+``summary.json``           settings, scores and timings, see :mod:`occjax.results.summary`
+=========================  =====================================================================
+
+The word before the colon is the group (:data:`occjax.results.groups.GROUPS`) by which
+:class:`OutputOptions` chooses files.
 """
 
 from __future__ import annotations
@@ -23,39 +30,63 @@ from pathlib import Path
 
 import numpy as np
 
-from occjax.estimators import Estimate
+from occjax.errors import InputError
+from occjax.estimators.protocol import Estimate
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, BORDER, Metrics, evaluate
 from occjax.io.atomic import atomic_folder
 from occjax.io.maps import Map
 from occjax.io.pfm import write_pfm
 from occjax.lightfield import LightField, to_unit_float
-from occjax.results.conversion import convert_map, point_cloud, write_points
+from occjax.results.conversion import convert_map, flying_pixels, point_cloud, write_points
+from occjax.results.groups import DEFAULT_GROUPS, GROUPS
 from occjax.results.summary import summary
-from occjax.viz.canvas import save
-from occjax.viz.figures import (
-    comparison_figure,
-    confidence_figure,
-    disparity_figure,
-    error_figure,
-    occlusion_figure,
-)
+from occjax.viz.pictures import confidence_picture, disparity_picture, error_picture, save_picture
 
-FILES = (
-    "comparison.png",
-    "confidence.png",
-    "depth.npy",
-    "disparity.npy",
-    "disparity.pfm",
-    "disparity.png",
-    "error.png",
-    "occlusion.png",
-    "points.ply",
-    "summary.json",
-)
+FILES = tuple(sorted([name for names in GROUPS.values() for name in names] + ["summary.json"]))
 """All file names that an estimate may be written to."""
 
 MIN_CONFIDENCE = 1e-3
 """Confidence below which all candidates are practically equally probable."""
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """What is written.
+
+    Attributes:
+        save: Groups of files, some of :data:`occjax.results.groups.GROUPS`.
+        min_confidence: Confidence in [0, 1] below which a pixel has no point in the cloud, which
+            then has no flying pixels at depth edges either; None for all pixels with signal.
+    """
+
+    save: tuple[str, ...] = DEFAULT_GROUPS
+    min_confidence: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the names and the confidence."""
+        for name in self.save:
+            if name not in GROUPS:
+                raise InputError(f"{name} is nothing to save; choose among {', '.join(GROUPS)}")
+        if self.min_confidence is not None and not 0.0 <= self.min_confidence <= 1.0:
+            raise InputError(f"min_confidence is {self.min_confidence:g}; pass 0 to 1")
+
+
+def output_options(save: str, min_confidence: float | None) -> OutputOptions:
+    """Return the options of the command line.
+
+    Args:
+        save: ``"all"``, or names of groups separated by commas.
+        min_confidence: See :class:`OutputOptions`.
+
+    Raises:
+        InputError: If a name or the confidence is unknown.
+
+    Example:
+        >>> output_options("maps, cloud", None).save
+        ('maps', 'cloud')
+    """
+    names = tuple(name.strip() for name in save.split(",") if name.strip())
+    return OutputOptions(tuple(GROUPS) if names == ("all",) else names, min_confidence)
 
 
 @dataclass(frozen=True)
@@ -75,15 +106,20 @@ class Outputs:
     metrics: Metrics | None
 
 
-def write_outputs(estimate: Estimate, light_field: LightField, folder: str | Path) -> Outputs:
+def write_outputs(
+    estimate: Estimate,
+    light_field: LightField,
+    folder: str | Path,
+    options: OutputOptions | None = None,
+) -> Outputs:
     """Write an estimate as files, all of them or none.
 
     Args:
         estimate: Result of an estimator.
         light_field: The light field that was estimated.
         folder: Folder to write. In an existing folder the files of the table at the top of this
-            module are replaced, or removed if this estimate does not have them; other files are
-            kept.
+            module are replaced, or removed if they are not written now; other files are kept.
+        options: What is written; None for the default.
 
     Returns:
         The files that were written, with notes and scores.
@@ -91,14 +127,24 @@ def write_outputs(estimate: Estimate, light_field: LightField, folder: str | Pat
     Raises:
         InputError: If the folder cannot be written.
     """
-    folder = Path(folder)
+    folder, options = Path(folder), options or OutputOptions()
     metrics = compare(estimate.disparity, light_field.ground_truth)
     signal = has_signal(light_field, estimate.confidence)
-    notes = (*estimate.notes, *_notes(light_field, metrics, signal))
+    in_cloud = _cloud_mask(estimate, signal, options.min_confidence)
+    notes = (*estimate.notes, *_notes(light_field, metrics, signal, in_cloud, options))
     with atomic_folder(folder, owned=FILES) as temporary:
-        _write_maps(estimate, light_field.ground_truth, temporary)
-        _write_geometry(estimate.disparity, light_field, signal, temporary)
-        _write_comparison(estimate, light_field, metrics, temporary)
+        if "maps" in options.save:
+            _write_maps(estimate, light_field, temporary)
+        if "pictures" in options.save:
+            _write_pictures(estimate, light_field, metrics, signal, temporary)
+        if "cloud" in options.save:
+            cloud = point_cloud(Map(estimate.disparity, "disparity"), light_field.calibration)
+            path = temporary / "points.ply"
+            write_points(path, cloud, centre=light_field.centre, mask=in_cloud)
+        if "figures" in options.save:
+            _write_comparison(estimate, light_field, metrics, signal, temporary)
+        if "occlusion" in options.save and estimate.occlusion is not None:
+            _write_occlusion(estimate.occlusion, temporary)
         text = json.dumps(summary(estimate, light_field, metrics, notes), indent=2)
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
@@ -144,18 +190,37 @@ def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:
     return lit & ~(confidence < MIN_CONFIDENCE)
 
 
-def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray) -> list[str]:
+def _cloud_mask(estimate: Estimate, signal: np.ndarray, min_confidence: float | None) -> np.ndarray:
+    """Return ``[H, W]`` whether a pixel has a point in the cloud."""
+    if min_confidence is None:
+        return signal
+    certain = estimate.confidence >= min_confidence
+    return signal & certain & ~flying_pixels(estimate.disparity)
+
+
+def _notes(
+    light_field: LightField,
+    metrics: Metrics | None,
+    signal: np.ndarray,
+    in_cloud: np.ndarray,
+    options: OutputOptions,
+) -> list[str]:
     """Return the assumptions of the files, as sentences for the user."""
     notes = []
-    if light_field.calibration is None:
+    if light_field.calibration is None and "cloud" in options.save:
         notes.append(
             "no calibration: the points in points.ply are in pixels and their depth has no true "
             "scale; depth.npy is not written"
         )
-    if not signal.all():
+    if not signal.all() and "cloud" in options.save:
         notes.append(
             f"points.ply leaves out {np.sum(~signal)} of {signal.size} pixels without signal "
             f"(centre view black, or confidence below {MIN_CONFIDENCE:g})"
+        )
+    if options.min_confidence is not None and "cloud" in options.save:
+        notes.append(
+            f"points.ply leaves out {np.sum(signal & ~in_cloud)} of {signal.size} pixels of "
+            f"confidence below {options.min_confidence:g} or between two surfaces"
         )
     if light_field.ground_truth is not None:
         if metrics is None:
@@ -165,48 +230,67 @@ def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray)
     return notes
 
 
-def _write_maps(estimate: Estimate, truth: np.ndarray | None, folder: Path) -> None:
-    """Write disparity, confidence and occlusion."""
+def _write_maps(estimate: Estimate, light_field: LightField, folder: Path) -> None:
+    """Write disparity, confidence, and depth if it is known, of all pixels."""
     disparity = np.asarray(estimate.disparity, np.float32)
     write_pfm(folder / "disparity.pfm", disparity)
     np.save(folder / "disparity.npy", disparity)
-    confidence = estimate.confidence
-    figure = disparity_figure(disparity, confidence=confidence, ground_truth=truth)
-    save(figure, folder / "disparity.png")
-    save(confidence_figure(confidence), folder / "confidence.png")
-    if estimate.occlusion is not None:
-        save(occlusion_figure(estimate.occlusion), folder / "occlusion.png")
-
-
-def _write_geometry(
-    disparity: np.ndarray, light_field: LightField, signal: np.ndarray, folder: Path
-) -> None:
-    """Write the depth of all pixels, and the points of those with signal."""
-    content, calibration = Map(disparity, "disparity"), light_field.calibration
-    if calibration is not None:
-        depth = convert_map(content, "depth", calibration).values
+    np.save(folder / "confidence.npy", np.asarray(estimate.confidence, np.float32))
+    if light_field.calibration is not None:
+        content = Map(estimate.disparity, "disparity")
+        depth = convert_map(content, "depth", light_field.calibration).values
         np.save(folder / "depth.npy", depth.astype(np.float32))
-    cloud = point_cloud(content, calibration)
-    write_points(folder / "points.ply", cloud, centre=light_field.centre, mask=signal)
+
+
+def _write_pictures(
+    estimate: Estimate,
+    light_field: LightField,
+    metrics: Metrics | None,
+    signal: np.ndarray,
+    folder: Path,
+) -> None:
+    """Write the maps in colours, without axes."""
+    disparity, confidence, truth = estimate.disparity, estimate.confidence, light_field.ground_truth
+    shown, certain = (np.where(signal, values, np.nan) for values in (disparity, confidence))
+    picture = disparity_picture(shown, confidence=confidence, ground_truth=truth)
+    save_picture(picture, folder / "disparity_picture.png")
+    save_picture(confidence_picture(certain), folder / "confidence.png")
+    if metrics is not None and truth is not None:
+        save_picture(error_picture(disparity, truth), folder / "error.png")
 
 
 def _write_comparison(
-    estimate: Estimate, light_field: LightField, metrics: Metrics | None, folder: Path
+    estimate: Estimate,
+    light_field: LightField,
+    metrics: Metrics | None,
+    signal: np.ndarray,
+    folder: Path,
 ) -> None:
-    """Write the comparison, and the error map if there is ground truth."""
+    """Write the estimate next to the centre view and, if there is one, the ground truth."""
+    from occjax.viz.canvas import save  # drawing imports most of Matplotlib
+    from occjax.viz.figures import comparison_figure
+
     truth, score, border = None, "", 0
     if metrics is not None and light_field.ground_truth is not None:
         truth, border = light_field.ground_truth, metrics.border
         score = f"BadPix {BAD_PIXEL_THRESHOLD:g}: {metrics.badpix[BAD_PIXEL_THRESHOLD]:.2f} %"
-        title = f"Error   {score}   MSE x100: {metrics.mse_x100:.3f}"
-        error = error_figure(estimate.disparity, truth, title=title, border=border)
-        save(error, folder / "error.png")
-    overview = comparison_figure(
+        score += f"   MSE x100: {metrics.mse_x100:.3f}"
+    figure = comparison_figure(
         light_field.centre,
         estimate.disparity,
         truth,
         confidence=estimate.confidence,
+        hidden=~signal,
         score=score,
         border=border,
     )
-    save(overview, folder / "comparison.png")
+    save(figure, folder / "comparison.png")
+
+
+def _write_occlusion(occlusion: np.ndarray, folder: Path) -> None:
+    """Write the occlusion maps as an array and as a figure."""
+    from occjax.viz.canvas import save
+    from occjax.viz.figures import occlusion_figure
+
+    np.save(folder / "occlusion.npy", occlusion.astype(np.float16))
+    save(occlusion_figure(occlusion), folder / "occlusion.png")

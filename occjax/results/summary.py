@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from occjax.estimators import Estimate
+from occjax.estimators.protocol import Estimate
 from occjax.evaluation.metrics import Metrics
 from occjax.lightfield import LightField
 

@@ -1,4 +1,4 @@
-"""Figures of disparity, depth, confidence, error and occlusion."""
+"""Pictures, and figures with colour bars, of disparity, depth, confidence, error and occlusion."""
 
 from __future__ import annotations
 
@@ -16,15 +16,25 @@ if TYPE_CHECKING:
         error_figure,
         occlusion_figure,
     )
+    from occjax.viz.pictures import (
+        confidence_picture,
+        disparity_picture,
+        error_picture,
+        save_picture,
+    )
 
 __all__ = [
     "comparison_figure",
     "confidence_figure",
+    "confidence_picture",
     "depth_figure",
     "disparity_figure",
+    "disparity_picture",
     "error_figure",
+    "error_picture",
     "occlusion_figure",
     "save",
+    "save_picture",
 ]
 
 __getattr__, __dir__ = lazy_names(
@@ -38,6 +48,12 @@ __getattr__, __dir__ = lazy_names(
             "disparity_figure",
             "error_figure",
             "occlusion_figure",
+        ),
+        "occjax.viz.pictures": (
+            "confidence_picture",
+            "disparity_picture",
+            "error_picture",
+            "save_picture",
         ),
     },
 )

@@ -126,6 +126,7 @@ def map_canvas(
     label: str,
     ticks: list[float] | None = None,
     extend: str = "neither",
+    zoom: int | None = None,
 ) -> tuple[Canvas, Axes]:
     """Draw a map with a title above and a colour bar to its right, or below if the map is wide.
 
@@ -137,12 +138,13 @@ def map_canvas(
         label: Quantity and unit of the bar.
         ticks: Values to mark on the bar.
         extend: Ends of the range with values beyond them: neither, min, max or both.
+        zoom: Width of a value, in pixels; by default chosen for a convenient size.
 
     Returns:
         The figure, and the axes that contain the map.
     """
     height, width = values.shape[:2]
-    zoom = whole_zoom((height, width))
+    zoom = zoom or whole_zoom((height, width))
     height, width = height * zoom, width * zoom
     left, top = MARGIN, MARGIN + TITLE_HEIGHT
     if width >= 2 * height:

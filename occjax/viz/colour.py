@@ -26,6 +26,11 @@ def confidence_colours() -> Colormap:
     return colormaps["magma"].with_extremes(bad=NO_VALUE)
 
 
+def occlusion_colours() -> Colormap:
+    """Return the colours of occlusion maps: black is visible, light is occluded."""
+    return colormaps["gray"].with_extremes(bad=NO_VALUE)
+
+
 def error_colours(threshold: float, limit: float) -> Colormap:
     """Return the colours of errors: blue is too far, red is too near.
 

@@ -7,24 +7,22 @@ without resampling; they may have any size, missing values or a single value.
 from __future__ import annotations
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, Normalize, to_rgb
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.lightfield import centre_index, to_unit_float
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zoom
 from occjax.viz.colour import (
-    MISSING,
     NO_VALUE,
     colourbar_extend,
     confidence_colours,
     disparity_colours,
     disparity_limits,
-    error_colours,
+    occlusion_colours,
 )
+from occjax.viz.pictures import error_picture, error_scale
 
 DISPARITY_LABEL = "disparity [pixels per view step]"
 DEPTH_LABEL = "depth [metres]"
@@ -127,16 +125,18 @@ def error_figure(
         [-0.21, -0.07, 0.0, 0.07, 0.21]
     """
     norm, colours, ticks = error_scale()
-    picture = error_picture(disparity, ground_truth, norm, colours)
+    picture = error_picture(disparity, ground_truth)
     canvas, axes = map_canvas(picture, norm, colours, title=title, label=ERROR_LABEL, ticks=ticks)
     mark_border(axes, disparity.shape, border)
     return canvas.figure
 
 
 def occlusion_figure(
-    occlusion: np.ndarray, *, title: str = "Occlusion of each view (white: occluded)"
+    occlusion: np.ndarray, *, title: str = "Occlusion of each view (light: occluded)"
 ) -> Figure:
     """Draw the occlusion maps of all views in the order of the grid, with a frame at the centre.
+
+    The colours cover 0 to the 99th percentile of the values above 0, since most values are small.
 
     Args:
         occlusion: ``[V, U, H, W]`` in [0, 1]; 1 is occluded.
@@ -146,25 +146,30 @@ def occlusion_figure(
         The figure.
 
     Example:
-        >>> len(occlusion_figure(np.zeros((3, 3, 8, 8))).axes)
-        1
+        >>> occlusion_figure(np.full((3, 3, 8, 8), 0.2)).axes[1].get_ylabel()
+        'occlusion (1: occluded)'
     """
     rows, columns, height, width = occlusion.shape
     gap = 3
     small = _shrink(occlusion, -(-max(rows * height, columns * width) // MAX_MOSAIC_PX))
     zoom = whole_zoom((rows * small.shape[2], columns * small.shape[3]), MAX_MOSAIC_PX // 2)
-    colours = colormaps["gray"].with_extremes(bad=NO_VALUE)
-    tiles = colours(np.ma.masked_invalid(small.repeat(zoom, -2).repeat(zoom, -1)))[..., :3]
+    norm, colours = _occlusion_limits(small), occlusion_colours()
+    tiles = small.repeat(zoom, -2).repeat(zoom, -1)
+    tiles = colours(norm(np.ma.masked_invalid(tiles)))[..., :3]
     height, width = tiles.shape[2:4]
     white = [(0, 0), (0, 0), (0, gap), (0, gap), (0, 0)]
     mosaic = np.pad(tiles, white, constant_values=1.0).transpose(0, 2, 1, 3, 4)
     mosaic = mosaic.reshape(rows * (height + gap), columns * (width + gap), 3)[:-gap, :-gap]
 
-    canvas = Canvas(
-        max(mosaic.shape[1], 360) + 2 * MARGIN, mosaic.shape[0] + TITLE_HEIGHT + 2 * MARGIN
+    canvas, axes = map_canvas(
+        mosaic,
+        norm,
+        colours,
+        title=title,
+        label="occlusion (1: occluded)",
+        extend=colourbar_extend(norm, small),
+        zoom=1,
     )
-    canvas.title(title, MARGIN)
-    axes = canvas.image(mosaic, MARGIN, MARGIN + TITLE_HEIGHT, 1)
     v, u = centre_index((rows, columns))
     corner = (u * (width + gap) - 1.5, v * (height + gap) - 1.5)
     frame = Rectangle(corner, width + 2, height + 2, fill=False, ec=CENTRE_VIEW, lw=2.0)
@@ -179,6 +184,7 @@ def comparison_figure(
     ground_truth: np.ndarray | None = None,
     *,
     confidence: np.ndarray | None = None,
+    hidden: np.ndarray | None = None,
     score: str = "",
     border: int = 0,
 ) -> Figure:
@@ -193,6 +199,7 @@ def comparison_figure(
         disparity: ``[H, W]`` estimate, pixels per view step.
         ground_truth: ``[H, W]`` pixels per view step.
         confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours.
+        hidden: ``[H, W]`` whether a pixel of the estimate is drawn grey; none by default.
         score: Text after the title of the error.
         border: Width of the border that the score leaves out, in pixels.
 
@@ -225,7 +232,8 @@ def comparison_figure(
     canvas.title("Centre view", lefts[0])
     canvas.image(np.clip(picture, 0.0, 1.0), lefts[0], top, zoom)
 
-    maps = [("Estimate", disparity)]
+    shown = disparity if hidden is None else np.where(hidden[::step, ::step], np.nan, disparity)
+    maps = [("Estimate", shown)]
     if ground_truth is not None:
         maps.insert(0, ("Ground truth", ground_truth))
     for left, (name, values) in zip(lefts[1:], maps, strict=False):
@@ -239,37 +247,12 @@ def comparison_figure(
     if ground_truth is not None:
         norm, colours, ticks = error_scale()
         canvas.title(f"Error   {score}".rstrip(), lefts[3])
-        errors = error_picture(disparity, ground_truth, norm, colours)
+        errors = error_picture(disparity, ground_truth)
         axes = canvas.image(errors, lefts[3], top, zoom)
         mark_border(axes, disparity.shape, border // step)
         bar = (lefts[3], bar_top, panel, 12)
         canvas.bar(norm, colours, "estimate - ground truth", bar, ticks=ticks[1:-1])
     return canvas.figure
-
-
-def error_scale(
-    bad: float = BAD_PIXEL_THRESHOLD,
-) -> tuple[Normalize, Colormap, list[float]]:
-    """Return range, colours and ticks of an error map, which covers three times ``bad``.
-
-    Args:
-        bad: Error above which a pixel is bad, in pixels per view step.
-    """
-    limit = 3.0 * bad
-    ticks = [-limit, -bad, 0.0, bad, limit]
-    return Normalize(-limit, limit), error_colours(bad, limit), ticks
-
-
-def error_picture(
-    disparity: np.ndarray, ground_truth: np.ndarray, norm: Normalize, colours: Colormap
-) -> np.ndarray:
-    """Return ``[H, W, 3]`` colours of the errors; see :func:`error_figure`."""
-    known = np.isfinite(disparity) & np.isfinite(ground_truth)
-    error = np.full(disparity.shape, np.nan)
-    error[known] = disparity[known] - ground_truth[known]
-    picture = colours(norm(np.ma.masked_invalid(error)))[..., :3]
-    picture[np.isfinite(ground_truth) & ~np.isfinite(disparity)] = to_rgb(MISSING)
-    return picture
 
 
 def mark_border(axes: Axes, size: tuple[int, int], border: int) -> None:
@@ -293,6 +276,12 @@ def _map_figure(
     title += "" if np.isfinite(values).all() else "   (grey: no value)"
     extend = colourbar_extend(norm, values)
     return map_canvas(values, norm, colours, title=title, label=label, extend=extend)[0].figure
+
+
+def _occlusion_limits(occlusion: np.ndarray) -> Normalize:
+    """Return the range of the colours of occlusion maps."""
+    positive = occlusion[np.isfinite(occlusion) & (occlusion > 0.0)]
+    return Normalize(0.0, float(np.percentile(positive, 99.0)) if positive.size else 1.0)
 
 
 def _shrink(images: np.ndarray, step: int) -> np.ndarray:

@@ -11,7 +11,31 @@
 * :mod:`~occjax.data.procedural.sensor` adds camera defects.
 """
 
-from occjax.data.procedural.config import TEXTURED, Defects, Outlines, SceneConfig, Solids, Textures
-from occjax.data.procedural.generator import generate
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from occjax.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from occjax.data.procedural.config import (
+        TEXTURED,
+        Defects,
+        Outlines,
+        SceneConfig,
+        Solids,
+        Textures,
+    )
+    from occjax.data.procedural.generator import generate
 
 __all__ = ["TEXTURED", "Defects", "Outlines", "SceneConfig", "Solids", "Textures", "generate"]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "occjax.data.procedural.config": (
+            *("TEXTURED", "Defects", "Outlines", "SceneConfig", "Solids", "Textures"),
+        ),
+        "occjax.data.procedural.generator": ("generate",),
+    },
+)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Literal
 
 from occjax.errors import InputError
 from occjax.io.images import IMAGE_SUFFIXES
-
-FolderLayout = Literal["hci", "lytro", "urbanlf", "stanford"]
+from occjax.io.layouts import FolderLayout
 
 _SUFFIX = r"\.(?:" + "|".join(suffix[1:] for suffix in IMAGE_SUFFIXES) + r")"
 _NUMBER = r"-?\d+(?:\.\d+)?"

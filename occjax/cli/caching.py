@@ -1,0 +1,29 @@
+"""The command ``cache``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+
+def cache_command(
+    action: Positional[
+        Annotated[
+            Literal["show", "clear"],
+            arg(help="show the folder and size of the compiled programs, or clear (remove) them."),
+        ]
+    ] = "show",
+) -> int:
+    """Show or remove the compiled programs that are kept for later runs."""
+    from occjax.programs import MAX_CACHE_BYTES, cache_folder, cached_programs, clear_cache
+
+    found = cached_programs()
+    size = sum(path.stat().st_size for path in found) / 1e6
+    if action == "clear":
+        clear_cache()
+        print(f"{cache_folder()}: removed {len(found)} programs of {size:.1f} MB")
+    else:
+        limit = MAX_CACHE_BYTES / 1e6
+        print(f"{cache_folder()}: {len(found)} programs of {size:.1f} MB, at most {limit:.0f} MB")
+    return 0

@@ -1,0 +1,129 @@
+"""Pictures of maps: one pixel for each value, without axes, and so without drawing.
+
+They take a few milliseconds. :mod:`occjax.viz.figures` draws the same maps with colour bars.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import Colormap, Normalize, to_rgb
+from PIL import Image
+
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
+from occjax.io.atomic import atomic_path
+from occjax.viz.colour import (
+    MISSING,
+    confidence_colours,
+    disparity_colours,
+    disparity_limits,
+    error_colours,
+)
+
+
+def disparity_picture(
+    disparity: np.ndarray,
+    *,
+    confidence: np.ndarray | None = None,
+    ground_truth: np.ndarray | None = None,
+) -> np.ndarray:
+    """Return a disparity map in the colours of :func:`occjax.viz.disparity_figure`.
+
+    Args:
+        disparity: ``[H, W]`` pixels per view step; pixels without a value are grey.
+        confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours.
+        ground_truth: ``[H, W]`` pixels per view step, which the range of the colours covers.
+
+    Returns:
+        ``[H, W, 3]`` uint8 RGB.
+
+    Example:
+        >>> disparity_picture(np.array([[0.0, 1.0, np.nan]])).tolist()
+        [[[68, 1, 84], [253, 231, 36], [138, 138, 138]]]
+    """
+    norm = disparity_limits(disparity, confidence, ground_truth)
+    return _coloured(disparity, norm, disparity_colours())
+
+
+def confidence_picture(confidence: np.ndarray) -> np.ndarray:
+    """Return a confidence map in colours: 0 is black, 1 is light yellow.
+
+    Args:
+        confidence: ``[H, W]`` in [0, 1]; pixels without a value are grey.
+
+    Returns:
+        ``[H, W, 3]`` uint8 RGB.
+
+    Example:
+        >>> confidence_picture(np.array([[0.0, 1.0]])).tolist()
+        [[[0, 0, 3], [251, 252, 191]]]
+    """
+    return _coloured(confidence, Normalize(0.0, 1.0), confidence_colours())
+
+
+def error_picture(
+    disparity: np.ndarray, ground_truth: np.ndarray, *, bad: float = BAD_PIXEL_THRESHOLD
+) -> np.ndarray:
+    """Return the signed error in the colours of :func:`occjax.viz.error_figure`.
+
+    Args:
+        disparity: ``[H, W]`` estimate, pixels per view step.
+        ground_truth: ``[H, W]`` pixels per view step.
+        bad: Error above which a pixel has full colours, in pixels per view step.
+
+    Returns:
+        ``[H, W, 3]`` uint8 RGB; pixels without ground truth are grey, without an estimate black.
+
+    Example:
+        >>> error_picture(np.array([[0.0, np.nan]]), np.zeros((1, 2))).tolist()
+        [[[246, 247, 247], [0, 0, 0]]]
+    """
+    norm, colours, _ = error_scale(bad)
+    known = np.isfinite(disparity) & np.isfinite(ground_truth)
+    error = np.full(disparity.shape, np.nan)
+    error[known] = disparity[known] - ground_truth[known]
+    picture = _coloured(error, norm, colours)
+    missing = np.isfinite(ground_truth) & ~np.isfinite(disparity)
+    picture[missing] = np.multiply(255, to_rgb(MISSING)).astype(np.uint8)
+    return picture
+
+
+def error_scale(
+    bad: float = BAD_PIXEL_THRESHOLD,
+) -> tuple[Normalize, Colormap, list[float]]:
+    """Return range, colours and ticks of an error map, which covers three times ``bad``.
+
+    Args:
+        bad: Error above which a pixel is bad, in pixels per view step.
+    """
+    limit = 3.0 * bad
+    ticks = [-limit, -bad, 0.0, bad, limit]
+    return Normalize(-limit, limit), error_colours(bad, limit), ticks
+
+
+def save_picture(picture: np.ndarray, path: str | Path) -> None:
+    """Write a picture as PNG, atomically.
+
+    Args:
+        picture: ``[H, W, 3]`` uint8 RGB.
+        path: File to write; an existing file is replaced.
+
+    Raises:
+        InputError: If the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "disparity.png"
+        >>> save_picture(disparity_picture(np.eye(8)), path)
+        >>> Image.open(path).size
+        (8, 8)
+    """
+    with atomic_path(path) as temporary:
+        # The lowest compression takes a third of the time for files that are little larger.
+        Image.fromarray(picture).save(temporary, format="PNG", compress_level=1)
+
+
+def _coloured(values: np.ndarray, norm: Normalize, colours: Colormap) -> np.ndarray:
+    """Return ``[H, W, 3]`` uint8 colours of a map; values that are not finite are grey."""
+    return colours(norm(np.ma.masked_invalid(values)), bytes=True)[..., :3]
