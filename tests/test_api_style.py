@@ -87,7 +87,7 @@ def test_options_are_keyword_only(name):
 ROOT = Path(occjax.__file__).parent
 
 BASE = {"errors", "lightfield", "lazy", ""}
-"""What every package may import: exceptions, conventions, lazy imports, and the package's version."""
+"""What every package may import: errors, conventions, lazy imports, the package itself."""
 
 MAY_IMPORT = {
     "errors": set(),

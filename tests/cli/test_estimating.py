@@ -4,12 +4,13 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from occjax.cli import estimating
+from occjax.cli import scenes
 from occjax.data.bundled_sample import sample
 from occjax.io import read_pfm
 
@@ -23,41 +24,103 @@ def test_estimate_writes_maps_and_reports_their_accuracy(run, scene, tmp_path):
     assert "BadPix 0.07" in out
     disparity = read_pfm(tmp_path / "out/scene/disparity.pfm")
     assert np.median(np.abs(disparity - 0.5)) < 0.03
-    assert (tmp_path / "out/scene/occlusion.png").is_file()
+    assert {path.name for path in (tmp_path / "out/scene").iterdir()} == {
+        *("disparity.pfm", "disparity.npy", "confidence.npy", "disparity_picture.png"),
+        *("confidence.png", "error.png", "points.ply", "summary.json"),
+    }
     summary = json.loads((tmp_path / "out/scene/summary.json").read_text())
     assert summary["model"] == "proposal"
     assert summary["searched_disparity_range"] == [-1.0, 2.0]
-    assert set(summary["seconds"]) == {"load", "prepare", "compile", "run", "occlusion"}
+    assert set(summary["seconds"]) == {"load", "prepare", "compile", "run"}
     assert all(seconds > 0 for seconds in summary["seconds"].values())
 
 
-def test_compiled_programs_are_kept_for_the_next_run(scene, tmp_path):
-    # In new processes: JAX opens one cache per process, at the first compilation.
+TRACES = """
+import sys, jax
+from occjax.cli import main
+traced = []
+def listen(event, seconds, **_):
+    if event == "/jax/core/compile/jaxpr_trace_duration":
+        traced.append(event)
+jax.monitoring.register_event_duration_secs_listener(listen)
+try:
+    main()
+finally:
+    print(f"traced {len(traced)}; {[m for m in ('flax', 'matplotlib.figure') if m in sys.modules]}")
+"""
+"""The command line, and the number of functions that JAX traces for it."""
+
+
+def test_a_second_run_of_one_shape_traces_nothing(scene, tmp_path):
     def run():
-        estimate = ("estimate", scene, "-o", tmp_path / "out", *FAST)
-        subprocess.run(
-            [sys.executable, "-m", "occjax", *estimate],
+        arguments = ("estimate", scene, "-o", tmp_path / "out", *FAST)
+        done = subprocess.run(
+            [sys.executable, "-c", TRACES, *arguments],
             env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
             capture_output=True,
+            text=True,
             check=True,
         )
-        return {path.name for path in (tmp_path / "occjax/xla").glob("*-cache")}
+        return done.stdout.splitlines()[-1]
 
-    kept = run()
-    assert kept
-    assert run() == kept  # found by the same key, not compiled under another one
+    assert not run().startswith("traced 0;")
+    first = (tmp_path / "out/scene/disparity.npy").read_bytes()
+    assert run() == "traced 0; []"
+    assert (tmp_path / "out/scene/disparity.npy").read_bytes() == first
+
+
+def test_only_what_is_asked_for_is_computed_and_written(run, scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("occjax.estimators.driver.estimate_occlusion", None)  # would fail
+    code, _, err = run("estimate", scene, "-o", tmp_path, *FAST, "--save", "cloud")
+    assert (code, err) == (0, "")
+    written = {path.name for path in (tmp_path / "scene").iterdir()} - {"input_Cam"}
+    assert {name for name in written if not name.startswith(("input", "gt"))} == {
+        "points.ply",
+        "summary.json",
+    }
+    code, _, err = run("estimate", scene, "-o", tmp_path, "--save", "clouds")
+    assert code == 2
+    assert "choose among maps, pictures, cloud, figures, occlusion" in err
+
+
+def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_path, monkeypatch):
+    names = ["c", "a", "b"]
+    places = [write_scene(tmp_path / name) for name in names]
+    (tmp_path / "broken").mkdir()
+    order = (places[0], tmp_path / "broken", *places[1:])
+    began = [threading.Event() for _ in order]
+    read, estimate = scenes._read, scenes.run_estimator
+
+    def recorded_read(scene, view_order):
+        began[order.index(scene)].set()
+        return read(scene, view_order)
+
+    def recorded_estimate(estimator, light_field, **options):
+        number = [place.name for place in order].index(light_field.name)
+        if number + 1 < len(order):
+            assert began[number + 1].wait(60)
+        assert not any(event.is_set() for event in began[number + 2 :])
+        return estimate(estimator, light_field, **options)
+
+    monkeypatch.setattr(scenes, "_read", recorded_read)
+    monkeypatch.setattr(scenes, "run_estimator", recorded_estimate)
+    code, out, err = run("estimate", *order, "-o", tmp_path / "out", *FAST)
+    assert code == 1
+    reports = [line.split(":")[0] for line in out.splitlines() if not line.startswith(" ")]
+    assert reports == names
+    assert "1 of 4 scenes failed" in err
 
 
 def test_failing_scenes_do_not_stop_the_others(run, scene, write_scene, tmp_path, monkeypatch):
     (tmp_path / "broken").mkdir()
-    copy, write = write_scene(tmp_path / "copy"), estimating.write_outputs
+    copy, write = write_scene(tmp_path / "copy"), scenes.write_outputs
 
-    def fail_on_copy(estimate, light_field, folder):
+    def fail_on_copy(estimate, light_field, folder, options):
         if folder.name == "copy":
             raise RuntimeError("out of luck")
-        return write(estimate, light_field, folder)
+        return write(estimate, light_field, folder, options)
 
-    monkeypatch.setattr(estimating, "write_outputs", fail_on_copy)
+    monkeypatch.setattr(scenes, "write_outputs", fail_on_copy)
     code, out, err = run(
         "estimate", tmp_path / "broken", copy, scene, "-o", tmp_path / "out", *FAST
     )
@@ -75,18 +138,18 @@ def test_scenes_of_one_name_have_different_folders(tmp_path):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     (tmp_path / "link").symlink_to(tmp_path / "two")
-    scenes = [tmp_path / name for name in ("one.npy", "one.npz", "two/scene", "three/scene")]
-    scenes += [tmp_path / "two" / ".." / "two" / "scene", tmp_path / "link"]
-    names = estimating._folder_names(tuple(scenes))
+    places = [tmp_path / name for name in ("one.npy", "one.npz", "two/scene", "three/scene")]
+    places += [tmp_path / "two" / ".." / "two" / "scene", tmp_path / "link"]
+    names = scenes.folder_names(tuple(places))
     assert list(names.values()) == ["one", "one_npz", "scene", "three_scene", "link"]
-    assert estimating._folder_names((Path("/"),)) == {Path("/"): "root"}
+    assert scenes.folder_names((Path("/"),)) == {Path("/"): "root"}
 
 
 def test_folder_that_cannot_be_written_is_reported_before_computing(
     run, scene, tmp_path, monkeypatch
 ):
     (tmp_path / "file").touch()
-    monkeypatch.setattr(estimating, "run_estimator", None)
+    monkeypatch.setattr(scenes, "run_estimator", None)
     code, _, err = run("estimate", scene, "-o", tmp_path / "file", *FAST)
     assert code == 2
     assert str(tmp_path / "file") in err

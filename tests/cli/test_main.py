@@ -6,8 +6,9 @@ import sys
 import pytest
 
 import occjax
+from occjax.cli.main import COMMANDS
 
-HEAVY = ("jax", "flax", "matplotlib", "scipy")
+HEAVY = ("jax", "flax", "matplotlib", "scipy", "PIL", "tifffile")
 
 
 def imported_by(code):
@@ -24,6 +25,17 @@ def test_help_and_version_import_no_heavy_packages(argument):
         "try:\n    main()\nexcept SystemExit as exit:\n    assert exit.code in (0, None)"
     )
     assert imported_by(code) == "[]"
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS.keys() - {"train"}))
+def test_a_wrong_argument_is_reported_without_heavy_packages(command):
+    code = (
+        f"sys.argv = ['occjax', '{command}', '--no-such-option']\n"
+        "from occjax.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as exit:\n    assert exit.code == 2"
+    )
+    imported = imported_by(code)
+    assert imported == ("['PIL', 'tifffile']" if command == "convert" else "[]")
 
 
 def test_import_of_the_library_does_not_import_jax():

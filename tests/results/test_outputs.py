@@ -5,18 +5,20 @@ import math
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from occjax.errors import InputError
 from occjax.estimators import Estimate
 from occjax.io import read_pfm
 from occjax.lightfield import LightField
-from occjax.results.outputs import FILES, write_outputs
+from occjax.results.outputs import FILES, OutputOptions, output_options, write_outputs
 from tests.io.test_ply import read_vertices
 from tests.results.test_conversion import CAMERA, HEIGHT, WIDTH
 
 RANDOM = np.random.default_rng(0)
 TRUTH = np.linspace(-1.0, 1.5, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
-OPTIONAL = {"depth.npy", "error.png", "occlusion.png"}
+OPTIONAL = {"depth.npy", "error.png", "occlusion.npy", "occlusion.png"}
+EVERYTHING = output_options("all", None)
 
 
 def light_field(**changes):
@@ -49,11 +51,13 @@ def test_a_calibrated_scene_with_truth_gets_every_file(tmp_path):
     disparity = TRUTH + np.float32(0.05)
     disparity[0, 0] = np.nan
     scene = light_field(calibration=CAMERA, ground_truth=TRUTH)
-    outputs = write_outputs(estimate(disparity=disparity), scene, tmp_path / "ramp")
+    outputs = write_outputs(estimate(disparity=disparity), scene, tmp_path / "ramp", EVERYTHING)
     assert tuple(path.name for path in outputs.paths) == FILES
     assert set((tmp_path / "ramp").iterdir()) == set(outputs.paths)
     np.testing.assert_array_equal(np.load(tmp_path / "ramp/disparity.npy"), disparity)
     np.testing.assert_array_equal(read_pfm(tmp_path / "ramp/disparity.pfm"), disparity)
+    np.testing.assert_array_equal(np.load(tmp_path / "ramp/confidence.npy"), 0.75)
+    assert np.load(tmp_path / "ramp/occlusion.npy").shape == (3, 3, HEIGHT, WIDTH)
 
     summary = json.loads((tmp_path / "ramp/summary.json").read_text())
     assert summary["model"] == "photometric"
@@ -74,7 +78,7 @@ def test_files_of_an_earlier_estimate_are_removed_and_others_kept(tmp_path):
     for name in OPTIONAL:
         (tmp_path / name).write_text("earlier")
     (tmp_path / "mine.png").write_text("mine")
-    outputs = write_outputs(estimate(occlusion=None), light_field(), tmp_path)
+    outputs = write_outputs(estimate(occlusion=None), light_field(), tmp_path, EVERYTHING)
     assert {path.name for path in outputs.paths} == set(FILES) - OPTIONAL
     assert set(tmp_path.iterdir()) == {*outputs.paths, tmp_path / "mine.png"}
     assert "no calibration" in outputs.notes[-1]
@@ -84,7 +88,7 @@ def test_files_of_an_earlier_estimate_are_removed_and_others_kept(tmp_path):
 def test_equal_estimates_give_equal_bytes(tmp_path):
     scene, given = light_field(ground_truth=TRUTH), estimate()
     for name in ("one", "other"):
-        write_outputs(given, scene, tmp_path / name)
+        write_outputs(given, scene, tmp_path / name, EVERYTHING)
     one, other = contents(tmp_path / "one"), contents(tmp_path / "other")
     del one["summary.json"], other["summary.json"]  # they contain the peak memory
     assert one == other
@@ -142,3 +146,37 @@ def test_small_images_and_empty_truth_are_noted(tmp_path):
     outputs = write_outputs(given, empty, tmp_path / "empty")
     assert outputs.metrics is None
     assert any("no finite value" in note for note in outputs.notes)
+
+
+def test_pixels_without_signal_are_grey_in_pictures(tmp_path):
+    scene, confidence = light_field(), np.full((HEIGHT, WIDTH), 0.75, np.float32)
+    scene.views[:] = np.maximum(scene.views, 1)
+    scene.views[1, 1, 2, 3] = 0
+    confidence[6, 7] = 0.0
+    write_outputs(estimate(confidence=confidence), scene, tmp_path)
+    for name in ("disparity_picture.png", "confidence.png"):
+        picture = np.asarray(Image.open(tmp_path / name))
+        grey = np.argwhere((picture == 0x8A).all(axis=-1))
+        assert grey.tolist() == [[2, 3], [6, 7]]
+
+
+def test_uncertain_points_and_those_between_two_surfaces_are_left_out_on_request(tmp_path):
+    disparity = np.zeros((HEIGHT, WIDTH), np.float32)
+    disparity[:, 10] = 0.5
+    disparity[:, 11:] = 1.0
+    confidence = np.full((HEIGHT, WIDTH), 0.75, np.float32)
+    confidence[3, 4] = 0.4
+    scene = light_field()
+    scene.views[:] = np.maximum(scene.views, 1)
+    given = estimate(disparity=disparity, confidence=confidence)
+    for min_confidence, left_out in ((None, 0), (0.5, HEIGHT + 1)):
+        options = OutputOptions(("cloud",), min_confidence)
+        write_outputs(given, scene, tmp_path, options)
+        vertices, _ = read_vertices(tmp_path / "points.ply")
+        assert len(vertices) == HEIGHT * WIDTH - left_out
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.5, float("nan")])
+def test_a_confidence_that_is_none_is_refused(value):
+    with pytest.raises(InputError, match="min_confidence"):
+        OutputOptions(min_confidence=value)

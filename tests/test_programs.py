@@ -1,0 +1,142 @@
+"""Compiled programs in the user's cache folder: what is kept, and what is never loaded."""
+
+import os
+import pickle
+import zlib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from occjax import programs
+
+ARRAY = np.arange(3.0, dtype=np.float32)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The cache folder, with JAX's own cache off as for most users."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield programs.cache_folder()
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+@pytest.fixture
+def call():
+    """Function that calls ``factor * x`` as in a new process; returns whether it was traced."""
+
+    def call(name=("multiply",), factor=2.0, array=ARRAY):
+        traced = []
+
+        def multiply(x):
+            traced.append(x)
+            return jnp.float32(factor) * x
+
+        leaves, structure = jax.tree.flatten((array,))
+        shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+        program = programs.load_or_compile(multiply, structure, shapes, name)
+        np.testing.assert_array_equal(program(array), np.float32(factor) * array)
+        np.testing.assert_array_equal(program(array), np.float32(factor) * array)
+        return bool(traced)
+
+    return call
+
+
+def test_a_program_is_traced_once_for_each_shape_and_name(folder, call):
+    assert call()
+    assert not call()
+    assert call(array=np.zeros(5, np.float32))
+    assert call(name=("multiply", 3), factor=3.0)
+    assert len(programs.cached_programs()) == 3
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert all(path.stat().st_mode & 0o777 == 0o600 for path in folder.iterdir())
+    programs.clear_cache()
+    assert programs.cached_programs() == []
+
+
+def test_functions_of_others_are_identified_by_what_they_compute(folder, call):
+    assert call(name=None, factor=2.0)
+    assert call(name=None, factor=3.0)
+    assert len(programs.cached_programs()) == 2
+    call(name=None, factor=2.0)
+    assert len(programs.cached_programs()) == 2
+
+
+class Malicious:
+    """Creates a file when it is read from a pickle."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("damage", ["truncated", "changed", "empty", "another pickle"])
+def test_a_damaged_program_is_replaced(folder, call, damage):
+    call()
+    (path,) = programs.cached_programs()
+    data = path.read_bytes()
+    changed = bytes([*data[:200], data[200] ^ 1, *data[201:]])
+    other = zlib.compress(pickle.dumps("something else"))
+    contents = {"truncated": data[:-9], "changed": changed, "empty": b"", "another pickle": other}
+    path.write_bytes(contents[damage])
+    assert call()
+    assert not call()
+
+
+@pytest.mark.parametrize("way", ["file others can write", "link", "folder others can write"])
+def test_what_others_could_have_written_is_never_unpickled(folder, call, tmp_path, way):
+    call()
+    (path,) = programs.cached_programs()
+    data = zlib.compress(pickle.dumps(Malicious(tmp_path / "trace")))
+    if way == "link":
+        path.unlink()
+        (tmp_path / "other").write_bytes(data)
+        path.symlink_to(tmp_path / "other")
+    else:
+        path.write_bytes(data)
+        (folder if way.startswith("folder") else path).chmod(0o777)
+    assert call()
+    assert not (tmp_path / "trace").exists()
+
+
+def test_the_programs_that_were_not_used_for_longest_are_removed(folder, call, monkeypatch):
+    call(name=("first",))
+    call(name=("second",))
+    first, second = sorted(programs.cached_programs(), key=lambda path: path.stat().st_mtime_ns)
+    os.utime(second, (1, 1))
+    monkeypatch.setattr(programs, "MAX_CACHE_BYTES", int(2.5 * first.stat().st_size))
+    assert not call(name=("first",))
+    call(name=("third",))
+    assert first in programs.cached_programs()
+    assert second not in programs.cached_programs()
+
+
+def test_a_cache_that_the_user_has_configured_for_jax_is_used_instead(folder, call, tmp_path):
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "mine"))
+    assert call()
+    assert not folder.exists()
+
+
+def test_a_program_that_fails_when_it_is_called_is_compiled_again(folder, call, monkeypatch):
+    call()
+
+    def broken(*_, **__):
+        def program(*_):
+            raise jax.errors.JaxRuntimeError("NOT_FOUND: Function not found")
+
+        return program
+
+    monkeypatch.setattr(programs.serialize_executable, "deserialize_and_load", broken)
+    assert call()
+
+
+def test_a_folder_that_cannot_be_made_is_no_error(folder, call, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert call()
+    assert call()
