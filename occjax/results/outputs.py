@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from occjax.estimators import Estimate
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, BORDER, Metrics, evaluate
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, Metrics, default_border, evaluate
 from occjax.io.atomic import atomic_folder
 from occjax.io.maps import Map
 from occjax.io.pfm import write_pfm
@@ -108,7 +108,7 @@ def write_outputs(estimate: Estimate, light_field: LightField, folder: str | Pat
 def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics | None:
     """Compute the metrics of an estimate, if there is ground truth to compare it with.
 
-    Images that are too small for the benchmark's border of 15 pixels are compared as a whole.
+    The border of :func:`occjax.evaluation.default_border` is left out.
 
     Args:
         disparity: ``[H, W]`` estimate, pixels per view step.
@@ -120,7 +120,7 @@ def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics |
     if ground_truth is None:
         return None
     height, width = disparity.shape
-    border = BORDER if min(height, width) > 2 * BORDER else 0
+    border = default_border(disparity.shape)
     if not np.isfinite(ground_truth[border : height - border, border : width - border]).any():
         return None
     return evaluate(disparity, ground_truth, border=border)
@@ -157,11 +157,8 @@ def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray)
             f"points.ply leaves out {np.sum(~signal)} of {signal.size} pixels without signal "
             f"(centre view black, or confidence below {MIN_CONFIDENCE:g})"
         )
-    if light_field.ground_truth is not None:
-        if metrics is None:
-            notes.append("the ground truth has no finite value to compare with")
-        elif metrics.border == 0:
-            notes.append(f"the image is too small to leave out a border of {BORDER} pixels")
+    if light_field.ground_truth is not None and metrics is None:
+        notes.append("the ground truth has no finite value to compare with")
     return notes
 
 
