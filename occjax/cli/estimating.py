@@ -14,7 +14,7 @@ from typing import Annotated
 from tqdm import tqdm
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import ViewOrderOptions, option
+from occjax.cli.options import CameraOptions, ViewOrderOptions, option, pair
 from occjax.cli.running import show_warning
 from occjax.errors import InputError
 from occjax.estimators import Estimate, make_estimator, run_estimator
@@ -22,7 +22,7 @@ from occjax.estimators.factory import Precision
 from occjax.io.atomic import check_writable
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
-from occjax.models.registry import PRESETS
+from occjax.models.bundled import ready_models
 from occjax.results.outputs import Outputs, write_outputs
 
 
@@ -43,7 +43,8 @@ def estimate_command(
     model: Annotated[
         str | None,
         option(
-            f"One of {', '.join(PRESETS)}. By default the model of the weights.",
+            f"{' or '.join(ready_models())}; any other name from 'occjax weights list' needs "
+            "--weights. By default the model of the weights.",
             "MODEL",
         ),
     ] = None,
@@ -60,9 +61,11 @@ def estimate_command(
     ] = None,
     disparity_range: Annotated[
         tuple[float, float] | None,
+        pair(float),
         option("Disparities to search, in pixels per view step.", "MIN MAX"),
     ] = None,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
+    camera: OmitArgPrefixes[CameraOptions] = CameraOptions(),
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Estimate disparity maps and write them, with pictures, to one folder per scene."""
@@ -78,6 +81,8 @@ def estimate_command(
         try:
             report_phase("reading")
             light_field, seconds, warned = _timed_load(view_order, scene)
+            calibration = camera.calibration(light_field.calibration)
+            light_field = dataclasses.replace(light_field, calibration=calibration)
             estimate = run_estimator(
                 estimator,
                 light_field,
@@ -161,15 +166,23 @@ def _folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
 
 
 def _phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
-    """Return a function that shows the current phase on the progress bar or on its own line."""
+    """Return a function that shows the current phase on the progress bar or on its own line.
+
+    On a terminal the line is replaced by that of the next phase; in a pipe or a file each phase
+    adds a line.
+    """
 
     def report(phase: str) -> None:
+        if phase == "compiling":
+            phase += " (up to minutes for a new size of image, kept for later runs)"
         if progress is not None and not progress.disable:
             progress.set_description(f"{name}: {phase}")
         elif sys.stderr.isatty():
             print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
             if phase == "writing":
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
+        else:
+            print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return report
 

@@ -150,7 +150,8 @@ def _notes(light_field: LightField, metrics: Metrics | None, signal: np.ndarray)
     if light_field.calibration is None:
         notes.append(
             "no calibration: the points in points.ply are in pixels and their depth has no true "
-            "scale; depth.npy is not written"
+            "scale; depth.npy is not written (--focal-length-mm, --sensor-mm, --baseline-mm and "
+            "--focus-m describe the camera)"
         )
     if not signal.all():
         notes.append(

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 import occjax
+from occjax.models import PRESETS
 
 HEAVY = ("jax", "flax", "matplotlib", "scipy")
 
@@ -74,6 +75,17 @@ def test_weights_in_the_package_are_listed(run):
     assert code == 0
     assert out.startswith("proposal: ")
     assert "sha256" in out
+
+
+def test_help_names_the_models_that_can_run_and_the_list_all_others(run):
+    _, out, _ = run("estimate", "--help")
+    text = " ".join(out.replace("│", " ").split())
+    assert "proposal or photometric; any other name from 'occjax weights list'" in text
+    assert "cas_2_share" not in text
+    _, out, _ = run("weights", "list")
+    assert "models that have no weights: photometric\n" in out
+    listed = out.splitlines()[-1].rpartition(": ")[2].split(", ")
+    assert sorted([*listed, "proposal", "photometric"]) == sorted(PRESETS)
 
 
 @pytest.mark.slow
