@@ -21,8 +21,8 @@ from occjax.estimators import Estimate, make_estimator, run_estimator
 from occjax.estimators.factory import Precision
 from occjax.io.atomic import check_writable
 from occjax.lightfield import LightField
-from occjax.models.occcasnet.config import Warp
 from occjax.models.bundled import ready_models
+from occjax.models.occcasnet.config import Warp
 from occjax.results.outputs import Outputs, write_outputs
 
 

@@ -16,8 +16,9 @@ def weights_command(
         Annotated[
             Literal["list", "fetch"],
             arg(
-                help="list the weights in the package, the default first, and all models; or fetch (download) the "
-                "published OccCasNet weights, which have no licence: for your own use only.",
+                help="list the weights in the package, the default first, and all models; or "
+                "fetch (download) the published OccCasNet weights, which have no licence: for your "
+                "own use only.",
             ),
         ]
     ],

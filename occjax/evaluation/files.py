@@ -51,7 +51,7 @@ def evaluate_files(
             message names the files.
 
     Warns:
-        UserWarning: If one of the maps is upside down.
+        UserWarning: If one of the maps is upside down, or both are the same.
 
     Example:
         >>> import tempfile
@@ -65,6 +65,11 @@ def evaluate_files(
     if is_scene(ground_truth_path):
         ground_truth_path = Path(ground_truth_path) / GROUND_TRUTH
     ground_truth = read_disparity(ground_truth_path)
+    if np.array_equal(estimate, ground_truth, equal_nan=True):
+        warnings.warn(
+            f"{estimate_path} and {ground_truth_path} are the same map; the errors are 0",
+            stacklevel=2,
+        )
     _warn_if_upside_down(f"{estimate_path} against {ground_truth_path}", estimate, ground_truth)
     border = default_border(ground_truth.shape) if border is None else border
     try:

@@ -25,6 +25,14 @@ def test_errors_of_known_maps_are_printed(run, tmp_path):
     np.testing.assert_allclose(json.loads(out)["badpix"]["0.03"], 100 * (30 * 15) / 46**2)
 
 
+def test_a_map_compared_with_itself_causes_a_warning(run, scene):
+    truth = scene / "gt_disp_lowres.pfm"
+    code, out, err = run("evaluate", truth, scene)
+    assert code == 0
+    assert "BadPix 0.07  0.000 %" in out
+    assert err == f"occjax: warning: {truth} and {truth} are the same map; the errors are 0\n"
+
+
 def test_published_scores_of_occcasnet_on_cotton(run, shared):
     folder = shared / "data/hci/cotton_maps"
     _, out, _ = run("evaluate", folder / "occcasnet_published.pfm", folder / "gt_disp_lowres.pfm")
