@@ -26,8 +26,9 @@ from experiments.training_rows import first_only, select_rows, simple_scenes, sl
 from occjax.cli.options import option
 from occjax.data.pool import render_pool
 from occjax.data.procedural import Defects, Outlines, Textures
+from occjax.lightfield import LightField
 from occjax.models import ProposalConfig, preset
-from occjax.training import Recipe, RunConfig, ValidationScene, recipe, scenes_from_folders
+from occjax.training import Recipe, RunConfig, recipe, scenes_from_folders
 from occjax.training.data import validation_scenes
 
 Change = Callable[[Recipe], Recipe]
@@ -153,7 +154,7 @@ def base_recipe(scale: Scale) -> Recipe:
 
 
 def run_row(
-    name: str, folder: Path, scale: Scale, validation: Sequence[ValidationScene]
+    name: str, folder: Path, scale: Scale, validation: Sequence[LightField]
 ) -> Mapping[str, float]:
     """Train one row, or read its scores if it is finished.
 
@@ -222,7 +223,7 @@ def run(
     if small:
         announce_smoke_test()
     held_out = validation_scenes(base.data, scale.held_out)
-    given = scenes_from_folders(validate, base.train, views=base.data.scenes.views)
+    given = scenes_from_folders(validate)
     results = {}
     for name in names:
         results[name] = run_row(name, folder, scale, [*held_out, *given])

@@ -43,15 +43,17 @@ from experiments.training_rows import Scores, base_recipe
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
 from occjax.data.folders import published_source
-from occjax.data.samples import LightFieldSample
 from occjax.data.scenes import GROUND_TRUTH, load_scenes
 from occjax.errors import InputError
+from occjax.estimators import run_estimator
+from occjax.estimators.factory import estimator_of
 from occjax.io import write_pfm
 from occjax.io.atomic import check_writable
+from occjax.lightfield import LightField
 from occjax.models import load_weights
-from occjax.training import Recipe, ValidationScene, scenes_from_folders, train, validate
+from occjax.training import Recipe, scenes_from_folders, train, validate
 from occjax.training.loop import BEST_FILE
-from occjax.training.validation import predict, score_scenes
+from occjax.training.validation import score_scenes
 
 ADDITIONAL = (
     *("antinous", "boardgames", "dishes", "greek", "kitchen", "medieval2", "museum", "pens"),
@@ -103,7 +105,7 @@ def run(
         with_mask(scene, shared.get(scene.name))
         for scene in load_scenes(data.folders, views=network.views)
     ]
-    validation = scenes_from_folders([places[name] for name in held_out], training.train)
+    validation = scenes_from_folders([places[name] for name in held_out])
     trained = train(
         training.train,
         published_source(scenes, data.batch_size, data.seed),
@@ -163,49 +165,55 @@ def configured(
 
 
 def score_best(
-    weights: Path, training: Recipe, scenes: Sequence[ValidationScene]
+    weights: Path, training: Recipe, scenes: Sequence[LightField]
 ) -> dict[str, dict[str, float]]:
     """Score weights on whole images and on averaged crops.
 
     Args:
         weights: File of weights.
-        training: Recipe with the network and the border to leave out.
+        training: Recipe with the network.
         scenes: Scenes with ground truth.
 
     Returns:
         Scores ``whole`` and ``crops``, each with the names of :func:`occjax.training.validate`.
     """
-    config, border = training.train, training.run.validation_border
-    variables, _ = load_weights(weights, config.network)
-    whole = validate(variables, scenes, config, border=border)
+    network = training.train.network
+    variables, _ = load_weights(weights, network)
+    whole = validate(variables, scenes, network)
+    estimator = estimator_of(network, variables)
 
-    def whole_image(sample: LightFieldSample) -> np.ndarray:
-        return np.asarray(predict(variables, sample, config))
+    def whole_image(light_field: LightField) -> np.ndarray:
+        return run_estimator(estimator, light_field).disparity
 
-    crops = score_scenes(lambda sample: averaged_crops(whole_image, sample), scenes, border=border)
+    crops = score_scenes(lambda light_field: averaged_crops(whole_image, light_field), scenes)
     return {"whole": whole, "crops": crops}
 
 
 def averaged_crops(
-    estimate: Callable[[LightFieldSample], np.ndarray], sample: LightFieldSample
+    estimate: Callable[[LightField], np.ndarray], light_field: LightField
 ) -> np.ndarray:
     """Return the disparity of nine crops of half the size, averaged where they overlap.
 
     Args:
-        estimate: Function that returns the disparity ``[h, w]`` of a sample.
-        sample: Whole light field without batch axis.
+        estimate: Function that returns the disparity ``[h, w]`` of a light field.
+        light_field: Whole light field.
 
     Returns:
         ``[H, W]`` disparity, pixels per view step.
     """
-    size = np.array(sample.disparity.shape)
+    size = np.array(light_field.image_size)
     side = -(-size // 2)
     total, count = np.zeros(size), np.zeros(size)
     for place in np.ndindex(3, 3):
         top, left = (size - side) * place // 2
-        crop = np.s_[..., top : top + side[0], left : left + side[1]]
-        images = ("views", "disparity", "visibility", "valid")
-        part = sample._replace(**{name: getattr(sample, name)[crop] for name in images})
+        crop = np.s_[top : top + side[0], left : left + side[1]]
+        truth = light_field.ground_truth
+        part = replace(
+            light_field,
+            views=light_field.views[:, :, *crop],
+            ground_truth=None if truth is None else truth[crop],
+            view_order_report=None,
+        )
         total[crop] += estimate(part)
         count[crop] += 1
     return total / count

@@ -19,10 +19,10 @@ from occjax.cli.options import option
 from occjax.data.procedural import Defects, Outlines, SceneConfig, Textures
 from occjax.errors import InputError
 from occjax.io.run_folder import read_description
+from occjax.lightfield import LightField
 from occjax.models import OccCasNetConfig
 from occjax.training import (
     Recipe,
-    ValidationScene,
     make_source,
     read_log,
     recipe,
@@ -100,7 +100,7 @@ class Training:
             base = base_recipe(self.recipe, data=self.data, steps=self.steps)
             count = VALIDATION_COUNT
         if self.validate:
-            scenes = scenes_from_folders(self.validate, replace(base.train, network=network))
+            scenes = scenes_from_folders(self.validate)
         elif base.data.procedural_share == 0.0:
             raise InputError("there are no scenes to score; pass --validate SCENE...")
         else:
@@ -177,7 +177,7 @@ def with_row(base: Recipe, row: Row) -> Recipe:
 def train_row(
     row: Recipe,
     folder: Path,
-    validation: Sequence[ValidationScene],
+    validation: Sequence[LightField],
     *,
     source: BatchSource | None = None,
     described: Mapping[str, Any] | None = None,

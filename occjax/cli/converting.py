@@ -9,7 +9,7 @@ from typing import Annotated, Literal, cast
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import ViewOrderOptions, option
+from occjax.cli.options import CameraOptions, ViewOrderOptions, option
 from occjax.errors import InputError
 from occjax.io import Map, read_map, write_map, write_normals
 from occjax.io.files import reading
@@ -17,6 +17,7 @@ from occjax.io.hci_config import read_hci_config
 from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity
 from occjax.lightfield import Calibration
 from occjax.results.conversion import convert_map, normals, point_cloud, write_points
+from occjax.results.summary import SUMMARY, read_calibration
 
 Target = Literal["disparity", "depth", "normals", "points"]
 
@@ -67,7 +68,7 @@ def convert_command(
         Path | None,
         option(
             "Camera, as a parameters.cfg of the HCI format. By default the one in SCENE, or in the "
-            "folder of MAP.",
+            "folder of MAP, or the one that summary.json in the folder of MAP names.",
             "FILE",
         ),
     ] = None,
@@ -94,6 +95,7 @@ def convert_command(
     offset: Annotated[
         float | None, option("Offset of a .png of another program; 0 by default.", "O")
     ] = None,
+    camera: OmitArgPrefixes[CameraOptions] = CameraOptions(),
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Convert a map of disparity or depth to another format, to depth, normals or a point cloud.
@@ -104,11 +106,15 @@ def convert_command(
     $ occjax convert disparity.png again.pfm
     $ occjax convert disparity.pfm picture.png --picture
 
-    Depth, points and normals need the camera of an HCI scene, SCENE/parameters.cfg:
+    Depth, points and normals need the camera: of an HCI scene (SCENE/parameters.cfg), of the folder
+    of results that MAP lies in, or of the options below:
     $ occjax convert disparity.pfm depth.pfm --to depth --scene SCENE
     $ occjax convert depth.npy disparity.npy --to disparity --scene SCENE
     $ occjax convert disparity.pfm cloud.ply --scene SCENE
     $ occjax convert disparity.pfm normals.png --to normals --scene SCENE
+    $ occjax convert results/SCENE depth.pfm --to depth
+    $ occjax convert disparity.pfm depth.pfm --to depth --focal-length-mm 25 --sensor-mm 22.3
+    --baseline-mm 40 --focus-m inf
 
     Depth is in metres, disparity in pixels per view step. In space x is to the right, y up and z to
     the viewer.
@@ -118,18 +124,18 @@ def convert_command(
     quantity: Target = to or ("points" if target.suffix.lower() == ".ply" else content.quantity)
     _check_quantity(target, to, quantity, picture=picture)
     print(f"{source}: {_describe(content)}")
-    camera = _read_camera(source, content, quantity, scene, parameters)
+    calibration = _read_camera(source, content, quantity, scene, parameters, camera)
     if quantity == "points":
         centre = None if scene is None else view_order.load(scene, check_orientation=False).centre
-        written = _write_points(target, content, camera, centre)
+        written = _write_points(target, content, calibration, centre)
     elif quantity == "normals":
-        vectors = normals(content, cast(Calibration, camera))
+        vectors = normals(content, cast(Calibration, calibration))
         write_normals(target, vectors)
         missing = int(np.isnan(vectors[..., 0]).sum())
         written = f"{_size(vectors)} unit normals; x right, y up, z to the viewer"
         written += f"; {missing} pixels have none" * bool(missing)
     else:
-        converted = content if camera is None else convert_map(content, quantity, camera)
+        converted = content if calibration is None else convert_map(content, quantity, calibration)
         written = _write_map(target, converted, picture=picture)
     print(f"{target}: {written}")
     return 0
@@ -175,27 +181,44 @@ def _check_quantity(target: Path, to: Target | None, quantity: Target, *, pictur
 
 
 def _read_camera(
-    source: Path, content: Map, quantity: Target, scene: Path | None, parameters: Path | None
+    source: Path,
+    content: Map,
+    quantity: Target,
+    scene: Path | None,
+    parameters: Path | None,
+    options: CameraOptions,
 ) -> Calibration | None:
-    """Read the camera from the given file, the scene, or the folder of the map."""
+    """Return the camera of the options, the given file, the scene, or the folder of the map."""
     if quantity == content.quantity:
-        if parameters is None and scene is None:
+        if (parameters, scene, options) == (None, None, CameraOptions()):
             return None
         raise InputError(
             f"{source}: already holds {quantity}, for which no camera is needed; pass --to, or "
-            "leave out --parameters and --scene"
+            "leave out --parameters, --scene and the options of the camera"
         )
-    map_folder = source if source.is_dir() else source.parent
-    places = [folder / "parameters.cfg" for folder in (scene, map_folder) if folder is not None]
+    folder = source if source.is_dir() else source.parent
+    places = [place / "parameters.cfg" for place in (scene, folder) if place is not None]
     path = parameters or next((place for place in places if place.is_file()), None)
-    if path is None:
-        if (content.quantity, quantity) == ("disparity", "points"):
-            return None  # the points are then in pixels
+    stored = None
+    if path is not None:
+        stored = _read_parameters(path, content)
+    elif (folder / SUMMARY).is_file():
+        stored = read_calibration(folder / SUMMARY)
+        if stored is not None:
+            print(f"camera: {folder / SUMMARY}")
+    calibration = options.calibration(stored)
+    if calibration is None and (content.quantity, quantity) != ("disparity", "points"):
         missing = "none is next to the map" if scene is None else f"{scene} has none"
         raise InputError(
             f"{source}: converting {content.quantity} to {quantity} needs the camera; pass "
-            f"--parameters FILE, or --scene SCENE that has a parameters.cfg ({missing})"
+            f"--parameters FILE, or --scene SCENE that has a parameters.cfg ({missing}), or "
+            "--focal-length-mm, --sensor-mm, --baseline-mm and --focus-m"
         )
+    return calibration  # None for points, which are then in pixels
+
+
+def _read_parameters(path: Path, content: Map) -> Calibration:
+    """Read the camera from a ``parameters.cfg``; warn if it is for views of another size."""
     path = path / "parameters.cfg" if path.is_dir() else path
     config = read_hci_config(path)
     print(f"camera: {path}")
@@ -235,8 +258,8 @@ def _write_points(
         lines.append(f"note: {missing} pixels without a point in space are left out")
     if camera is None:
         lines.append(
-            "note: without a camera (--parameters or --scene) the points are in pixels, and their "
-            "depth has no true scale"
+            "note: without a camera (--parameters, --scene or --focal-length-mm) the points are in "
+            "pixels, and their depth has no true scale"
         )
     return "\n  ".join(lines)
 

@@ -7,10 +7,11 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import ViewOrderOptions, option
+from occjax.cli.options import CameraOptions, ViewOrderOptions, option, pair
 from occjax.errors import InputError
+from occjax.models.bundled import ready_models
 from occjax.models.occcasnet.config import Warp
-from occjax.models.registry import PRESETS, Precision
+from occjax.models.registry import Precision
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
 
 
@@ -31,7 +32,8 @@ def estimate_command(
     model: Annotated[
         str | None,
         option(
-            f"One of {', '.join(PRESETS)}. By default the model of the weights.",
+            f"{' or '.join(ready_models())}; any other name from 'occjax weights list' needs "
+            "--weights. By default the model of the weights.",
             "MODEL",
         ),
     ] = None,
@@ -48,6 +50,7 @@ def estimate_command(
     ] = None,
     disparity_range: Annotated[
         tuple[float, float] | None,
+        pair(float),
         option("Disparities to search, in pixels per view step.", "MIN MAX"),
     ] = None,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
@@ -66,6 +69,7 @@ def estimate_command(
             "FLOAT",
         ),
     ] = None,
+    camera: OmitArgPrefixes[CameraOptions] = CameraOptions(),
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Estimate disparity maps and write them, with pictures, to one folder per scene."""
@@ -80,7 +84,7 @@ def estimate_command(
     options = output_options(save, min_confidence)
     estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)
     check_writable(output)
-    return estimate_scenes(scenes, output, estimator, view_order, disparity_range, options)
+    return estimate_scenes(scenes, output, estimator, view_order, camera, disparity_range, options)
 
 
 def demo_command(

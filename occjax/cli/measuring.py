@@ -44,7 +44,14 @@ def evaluate_command(
             "FLOAT...",
         ),
     ] = None,
-    border: Annotated[int, arg(help="Width of the border that is ignored, in pixels.")] = BORDER,
+    border: Annotated[
+        int | None,
+        option(
+            f"Width of the border that is ignored, in pixels. By default {BORDER}; without "
+            "--metrics at most an eighth of the shorter side.",
+            "INT",
+        ),
+    ] = None,
     json_: Annotated[bool, arg(name="json", help="Print JSON.")] = False,
 ) -> int:
     """Compare a disparity map with the ground truth, as a whole or by region of the scene."""
@@ -70,7 +77,11 @@ def evaluate_command(
         scores = evaluate_files(estimate, ground_truth, thresholds=thresholds, border=border)
     else:
         scores = evaluate_scene(
-            ground_truth, estimate, names=names, thresholds=thresholds, border=border
+            ground_truth,
+            estimate,
+            names=names,
+            thresholds=thresholds,
+            border=BORDER if border is None else border,
         )
     print(json.dumps(scores.as_dict(), indent=2) if json_ else scores.table())
     return 0

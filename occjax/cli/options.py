@@ -3,18 +3,46 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
 
+from occjax.errors import InputError
 from occjax.io.layouts import Layout
-from occjax.lightfield import LightField
+from occjax.lightfield import Calibration, LightField
 
 
 def option(help: str, metavar: str, *aliases: str) -> Any:
     """Describe an optional argument; its default ``None`` is not shown."""
     return arg(help=help, metavar=metavar, aliases=aliases, help_behavior_hint="")
+
+
+def pair(kind: type[int] | type[float]) -> Any:
+    """Describe an option of exactly two numbers; its default ``None`` cannot be passed.
+
+    Without this, the option would take all words that follow it, also the name of the scene.
+
+    Args:
+        kind: ``int`` or ``float``.
+    """
+    numbers = {int: "two whole numbers", float: "two numbers"}[kind]
+
+    def parse(words: list[str]) -> tuple[int | float, ...]:
+        try:
+            return tuple(kind(word) for word in words)
+        except ValueError:
+            raise ValueError(f"pass {numbers}, not {' '.join(words)}") from None
+
+    return PrimitiveConstructorSpec(
+        nargs=2,
+        metavar="",  # that of ``option``
+        instance_from_str=parse,
+        is_instance=lambda value: value is None or isinstance(value, tuple),
+        str_from_instance=lambda value: [str(number) for number in value or ()],
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +57,9 @@ class ViewOrderOptions:
         option("File names of the views, with {v} and {u} or {i}; * is any text.", "PATTERN"),
     ] = None
     grid: Annotated[
-        tuple[int, int] | None, option("Number of view rows and columns, as stored.", "V U")
+        tuple[int, int] | None,
+        pair(int),
+        option("Number of view rows and columns, as stored.", "V U"),
     ] = None
     key: Annotated[
         str | None, option("Name of the views in an .npz, HDF5 or .mat file.", "NAME")
@@ -51,3 +81,59 @@ class ViewOrderOptions:
         from occjax.io.loading import load
 
         return load(path, **dataclasses.asdict(self), **options)
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraOptions:
+    """Camera, for depth in metres; each option overrides what the files of the scene say."""
+
+    focal_length_mm: Annotated[
+        float | None, option("Focal length of each camera, in millimetres.", "MM")
+    ] = None
+    sensor_mm: Annotated[
+        float | None, option("Longer side of the sensor of each camera, in millimetres.", "MM")
+    ] = None
+    baseline_mm: Annotated[
+        float | None, option("Distance between neighbouring cameras, in millimetres.", "MM")
+    ] = None
+    focus_m: Annotated[
+        float | None,
+        option("Distance at which disparity is zero, in metres; inf for parallel cameras.", "M"),
+    ] = None
+
+    def calibration(self, stored: Calibration | None) -> Calibration | None:
+        """Return the camera of a scene with the given options in place of stored values.
+
+        Args:
+            stored: Camera that the files of the scene describe, if any.
+
+        Raises:
+            InputError: If a value is not positive, or if only a part of the camera is known.
+        """
+        given = dict(zip(_CALIBRATION_FIELDS, dataclasses.astuple(self), strict=True))
+        given = {name: value for name, value in given.items() if value is not None}
+        for name, value in given.items():
+            infinite = math.isinf(value) and name != "focus_distance_m"
+            if infinite or not value > 0.0:
+                raise InputError(
+                    f"{_CALIBRATION_FIELDS[name]} is {value:g}; it must be a positive number"
+                )
+        if not given:
+            return stored
+        known = {**(dataclasses.asdict(stored) if stored else {}), **given}
+        missing = [option for name, option in _CALIBRATION_FIELDS.items() if name not in known]
+        if missing:
+            raise InputError(
+                f"the camera is known in part only; pass {' and '.join(missing)} too"
+                + " (inf for parallel cameras)" * ("--focus-m" in missing)
+            )
+        return Calibration(**known)
+
+
+_CALIBRATION_FIELDS = {
+    "focal_length_mm": "--focal-length-mm",
+    "sensor_size_mm": "--sensor-mm",
+    "baseline_mm": "--baseline-mm",
+    "focus_distance_m": "--focus-m",
+}
+"""Fields of :class:`Calibration`, and their options in the order of :class:`CameraOptions`."""

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from tqdm import tqdm
 
-from occjax.cli.options import ViewOrderOptions
+from occjax.cli.options import CameraOptions, ViewOrderOptions
 from occjax.cli.running import collect_warnings, print_warning
 from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, run_estimator
@@ -43,6 +43,7 @@ def estimate_scenes(
     folder: Path,
     estimator: Estimator,
     view_order: ViewOrderOptions,
+    camera: CameraOptions,
     disparity_range: DisparityRange | None,
     options: OutputOptions,
 ) -> int:
@@ -53,6 +54,7 @@ def estimate_scenes(
         folder: Folder in which the folders are made.
         estimator: The estimator.
         view_order: How the light fields are stored.
+        camera: Camera parameters, in place of those of the files.
         disparity_range: Range to search, or None.
         options: What is written.
 
@@ -69,7 +71,7 @@ def estimate_scenes(
 
     def read_next() -> Future[ReadScene] | None:
         scene = next(remaining, None)
-        return None if scene is None else reader.submit(_read, scene, view_order)
+        return None if scene is None else reader.submit(_read, scene, view_order, camera)
 
     def finish(scene: Path, result: tuple[Estimate, LightField] | Exception) -> None:
         try:
@@ -131,10 +133,12 @@ def estimate_scenes(
     return 1 if failed else 0
 
 
-def _read(scene: Path, view_order: ViewOrderOptions) -> ReadScene:
+def _read(scene: Path, view_order: ViewOrderOptions, camera: CameraOptions) -> ReadScene:
     begin = time.perf_counter()
     with collect_warnings() as messages:
         light_field = view_order.load(scene)
+    calibration = camera.calibration(light_field.calibration)
+    light_field = dataclasses.replace(light_field, calibration=calibration)
     return ReadScene(light_field, messages, time.perf_counter() - begin)
 
 
@@ -157,15 +161,23 @@ def folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
 
 
 def phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
-    """Return a function that shows the current phase on the progress bar or on its own line."""
+    """Return a function that shows the current phase on the progress bar or on its own line.
+
+    On a terminal the line is replaced by that of the next phase; in a pipe or a file each phase
+    adds a line.
+    """
 
     def show(phase: str) -> None:
+        if phase == "compiling":
+            phase += " (up to minutes for a new size of image, kept for later runs)"
         if progress is not None and not progress.disable:
             progress.set_description(f"{name}: {phase}")
         elif sys.stderr.isatty():
             print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
             if phase == "writing":
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
+        else:
+            print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return show
 

@@ -6,8 +6,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from occjax.models.bundled import bundled_weights
+from occjax.models.bundled import bundled_weights, ready_models
 from occjax.models.occcasnet.published_weights import fetch_published_weights
+from occjax.models.registry import PRESETS
 
 
 def weights_command(
@@ -15,8 +16,9 @@ def weights_command(
         Annotated[
             Literal["list", "fetch"],
             arg(
-                help="list the weights in the package, the default first; or fetch (download) the "
-                "published OccCasNet weights, which have no licence: for your own use only.",
+                help="list the weights in the package, the default first, and all models; or "
+                "fetch (download) the published OccCasNet weights, which have no licence: for your "
+                "own use only.",
             ),
         ]
     ],
@@ -33,6 +35,15 @@ def _list() -> int:
             f"{weights.name}: {weights.summary}\n"
             f"  {size:.1f} MB, sha256 {weights.sha256[:16]}..., card {weights.card}"
         )
+    ready = ready_models()
+    bundled = [weights.name for weights in bundled_weights()]
+    unlearned = [name for name in ready if name not in bundled]
+    others = [name for name in PRESETS if name not in ready]
+    print(f"models that have no weights: {', '.join(unlearned)}")
+    print(
+        "models that need a file of weights ('occjax weights fetch' downloads those of occcasnet, "
+        f"'occjax train RUN --network-preset NAME' trains any): {', '.join(others)}"
+    )
     return 0
 
 

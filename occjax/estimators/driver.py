@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -180,7 +181,8 @@ def export_estimator(
         other maps of :class:`Estimate`.
 
     Raises:
-        InputError: If the light field does not fit the estimator.
+        InputError: If the light field does not fit the estimator, or the extra ``export`` is
+            missing, without which the export could not be written.
 
     Example:
         >>> from occjax.data.bundled_sample import sample
@@ -190,6 +192,8 @@ def export_estimator(
         >>> [shape.shape for shape in exported.in_avals]
         [(3, 3, 256, 256)]
     """
+    if importlib.util.find_spec("flatbuffers") is None:  # jax.export serialises with it
+        raise InputError("an export needs flatbuffers; run pip install 'occjax[export]'")
     inputs = estimator.prepare(light_field, disparity_range)
     others = jax.tree.map(jnp.asarray, inputs.others)
     indices, image_shape = inputs.view_indices, inputs.views.shape[2:]

@@ -10,7 +10,7 @@ from occjax.estimators.proposal import ProposalEstimator
 from occjax.estimators.protocol import Estimator
 from occjax.models.bundled import bundled_weights, find_weights
 from occjax.models.occcasnet.config import OccCasNetConfig, Warp
-from occjax.models.registry import ALIASES, PRESETS, Precision, preset, preset_name
+from occjax.models.registry import ALIASES, PRESETS, ModelConfig, Precision, preset, preset_name
 from occjax.models.weights import load_weights
 
 TRAINING_FREE = "photometric"
@@ -60,10 +60,37 @@ def make_estimator(
         return ProposalEstimator(model, preset(model))
     path = _weights_path(model, weights)
     variables, config = load_weights(path, None if model is None else preset(model), warp=warp)
-    name = model or preset_name(config)
+    return estimator_of(config, variables, name=model, weights=path.name, precision=precision)
+
+
+def estimator_of(
+    config: ModelConfig,
+    variables: dict,
+    *,
+    name: str | None = None,
+    weights: str | None = None,
+    precision: str = "float32",
+) -> Estimator:
+    """Create an estimator from a configuration and variables.
+
+    Args:
+        config: Configuration of the model.
+        variables: Variables of the model.
+        name: Name of the model; by default that of its preset.
+        weights: Name of the weights.
+        precision: Type of the convolutions, ``"float32"`` or ``"bfloat16"``.
+
+    Returns:
+        The estimator, for :func:`occjax.estimators.run_estimator`.
+
+    Example:
+        >>> estimator_of(preset("photometric"), {}).name
+        'photometric'
+    """
+    name = name or preset_name(config)
     if isinstance(config, OccCasNetConfig):
-        return OccCasNetEstimator(name, config, variables, path.name, precision)
-    return ProposalEstimator(name, config, variables, path.name, precision)
+        return OccCasNetEstimator(name, config, variables, weights, precision)
+    return ProposalEstimator(name, config, variables, weights, precision)
 
 
 def _weights_path(model: str | None, weights: str | Path | None) -> Path:

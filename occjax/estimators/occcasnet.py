@@ -74,7 +74,9 @@ class OccCasNetEstimator:
                 raise InputError(f"{message}; use the model proposal, which takes any range")
             notes.append(message)
         truth = light_field.ground_truth if self.config.needs_ground_truth else None
-        if self.config.needs_ground_truth and truth is None:
+        if truth is not None:  # a missing value would spread through the convolutions
+            truth = np.where(np.isfinite(truth), truth, np.float32(0.0))
+        elif self.config.needs_ground_truth:
             raise InputError(
                 f"{light_field.name}: the network computes occlusion maps from the ground truth, "
                 "which is missing; use another model"

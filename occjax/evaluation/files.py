@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, BORDER, THRESHOLDS, Metrics, evaluate
+from occjax.evaluation.metrics import (
+    BAD_PIXEL_THRESHOLD,
+    THRESHOLDS,
+    Metrics,
+    default_border,
+    evaluate,
+)
 from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
 from occjax.io.maps import read_map
 
@@ -24,7 +30,7 @@ def evaluate_files(
     ground_truth_path: Path | str,
     *,
     thresholds: tuple[float, ...] = THRESHOLDS,
-    border: int = BORDER,
+    border: int | None = None,
 ) -> Metrics:
     """Compute all measures of the paper's tables for two files.
 
@@ -34,7 +40,8 @@ def evaluate_files(
         ground_truth_path: True disparity ``[H, W]``: such a file, a folder of results, or the
             folder of a scene with ``gt_disp_lowres.pfm``.
         thresholds: Thresholds of BadPix, pixels per view step.
-        border: Pixels left out on each side of the image.
+        border: Pixels left out on each side of the image; by default
+            :func:`occjax.evaluation.default_border`.
 
     Returns:
         The :class:`occjax.evaluation.Metrics`.
@@ -44,7 +51,7 @@ def evaluate_files(
             message names the files.
 
     Warns:
-        UserWarning: If one of the maps is upside down.
+        UserWarning: If one of the maps is upside down, or both are the same.
 
     Example:
         >>> import tempfile
@@ -58,7 +65,13 @@ def evaluate_files(
     if is_scene(ground_truth_path):
         ground_truth_path = Path(ground_truth_path) / GROUND_TRUTH
     ground_truth = read_disparity(ground_truth_path)
+    if np.array_equal(estimate, ground_truth, equal_nan=True):
+        warnings.warn(
+            f"{estimate_path} and {ground_truth_path} are the same map; the errors are 0",
+            stacklevel=2,
+        )
     _warn_if_upside_down(f"{estimate_path} against {ground_truth_path}", estimate, ground_truth)
+    border = default_border(ground_truth.shape) if border is None else border
     try:
         return evaluate(estimate, ground_truth, thresholds=thresholds, border=border)
     except InputError as error:

@@ -76,6 +76,23 @@ class Metrics:
         return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
+def default_border(image_size: tuple[int, int]) -> int:
+    """Return the border that is left out of a comparison if the user names none.
+
+    Args:
+        image_size: ``(H, W)`` of the maps, in pixels.
+
+    Returns:
+        :data:`BORDER` as in the benchmark; an eighth of the shorter side for smaller images, of
+        which the benchmark's border would leave little or nothing.
+
+    Example:
+        >>> default_border((512, 512)), default_border((32, 40))
+        (15, 4)
+    """
+    return min(BORDER, min(image_size) // 8)
+
+
 def evaluate(
     estimate: np.ndarray,
     ground_truth: np.ndarray,

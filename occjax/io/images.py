@@ -20,9 +20,12 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", *HDR_SUFFIXE
 
 UNSUPPORTED_SUFFIXES = (
     *(".webp", ".gif", ".avif", ".heic", ".heif", ".jp2"),
-    *(".ppm", ".pgm", ".tga", ".dng", ".raw"),
+    *(".ppm", ".pgm", ".tga", ".dng"),
 )
 """Suffixes of unsupported image files, for messages."""
+
+PLENOPTIC_SUFFIXES = (".lfr", ".lfp", ".raw")
+"""Suffixes of undecoded images of plenoptic cameras, for messages."""
 
 _TIFF_BLACK, _TIFF_RGB = 1, 2  # values of the tag PhotometricInterpretation
 _TIFF_JPEG = 7  # value of the tag Compression

@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 from occjax.errors import InputError
-from occjax.models.registry import ALIASES
+from occjax.models.proposal.config import ProposalConfig
+from occjax.models.registry import ALIASES, PRESETS
 
 FOLDER = Path(__file__).parent / "weight_files"
 """Folder of ``index.json``, and of ``<name>.safetensors`` and the card ``<name>.md`` per name."""
@@ -71,6 +72,22 @@ def is_intact(path: Path) -> bool:
     """
     shipped = {weights.sha256 for weights in bundled_weights() if weights.path == path}
     return bool(shipped) and hashlib.sha256(path.read_bytes()).hexdigest() in shipped
+
+
+def ready_models() -> tuple[str, ...]:
+    """Return the names of the models that need no file of weights, the default first.
+
+    Example:
+        >>> ready_models()
+        ('proposal', 'photometric')
+    """
+    bundled = [weights.name for weights in bundled_weights()]
+    unlearned = [
+        name
+        for name, config in PRESETS.items()
+        if isinstance(config, ProposalConfig) and config.selector is None
+    ]
+    return (*bundled, *unlearned)
 
 
 def find_weights(name_or_path: str | Path) -> Path:

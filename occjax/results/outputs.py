@@ -32,7 +32,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, BORDER, Metrics, evaluate
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, Metrics, default_border, evaluate
 from occjax.io.atomic import atomic_folder
 from occjax.io.maps import Map
 from occjax.io.pfm import write_pfm
@@ -154,7 +154,7 @@ def write_outputs(
 def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics | None:
     """Compute the metrics of an estimate, if there is ground truth to compare it with.
 
-    Images that are too small for the benchmark's border of 15 pixels are compared as a whole.
+    The border of :func:`occjax.evaluation.default_border` is left out.
 
     Args:
         disparity: ``[H, W]`` estimate, pixels per view step.
@@ -166,7 +166,7 @@ def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics |
     if ground_truth is None:
         return None
     height, width = disparity.shape
-    border = BORDER if min(height, width) > 2 * BORDER else 0
+    border = default_border(disparity.shape)
     if not np.isfinite(ground_truth[border : height - border, border : width - border]).any():
         return None
     return evaluate(disparity, ground_truth, border=border)
@@ -210,7 +210,8 @@ def _notes(
     if light_field.calibration is None and "cloud" in options.save:
         notes.append(
             "no calibration: the points in points.ply are in pixels and their depth has no true "
-            "scale; depth.npy is not written"
+            "scale; depth.npy is not written (--focal-length-mm, --sensor-mm, --baseline-mm and "
+            "--focus-m describe the camera)"
         )
     if not signal.all() and "cloud" in options.save:
         notes.append(
@@ -222,11 +223,8 @@ def _notes(
             f"points.ply leaves out {np.sum(signal & ~in_cloud)} of {signal.size} pixels of "
             f"confidence below {options.min_confidence:g} or between two surfaces"
         )
-    if light_field.ground_truth is not None:
-        if metrics is None:
-            notes.append("the ground truth has no finite value to compare with")
-        elif metrics.border == 0:
-            notes.append(f"the image is too small to leave out a border of {BORDER} pixels")
+    if light_field.ground_truth is not None and metrics is None:
+        notes.append("the ground truth has no finite value to compare with")
     return notes
 
 

@@ -5,6 +5,9 @@
 ``source``                    string or null, file or folder it was read from, as it was given
 ``grid``                      [V, U], rows and columns of views
 ``image_size``                [H, W], rows and columns of pixels
+``calibration``               null, or {focal_length_mm, sensor_size_mm, baseline_mm,
+                              focus_distance_m} as in :class:`occjax.lightfield.Calibration`; an
+                              infinite focus distance is null
 ``model``                     string, name of the estimator
 ``weights``                   string or null, name of its weights
 ``searched_disparity_range``  [minimum, maximum], pixels per view step
@@ -23,18 +26,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 import platform
 import resource
 import sys
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from occjax.estimators.protocol import Estimate
 from occjax.evaluation.metrics import Metrics
-from occjax.lightfield import LightField
+from occjax.io.files import decoding
+from occjax.lightfield import Calibration, LightField
+
+SUMMARY = "summary.json"
+"""Name of the file."""
 
 
 def summary(
@@ -53,6 +63,7 @@ def summary(
         "source": None if light_field.source is None else str(light_field.source),
         "grid": list(light_field.grid),
         "image_size": list(light_field.image_size),
+        "calibration": _calibration(light_field.calibration),
         "model": estimate.model,
         "weights": estimate.weights,
         "searched_disparity_range": [float(value) for value in estimate.disparity_range],
@@ -69,6 +80,34 @@ def summary(
         },
         "notes": list(notes),
     }
+
+
+def read_calibration(path: Path) -> Calibration | None:
+    """Read the camera of the light field that was estimated.
+
+    Args:
+        path: A ``summary.json``.
+
+    Returns:
+        The camera; None if it was unknown.
+
+    Raises:
+        InputError: If the file is not a summary.
+    """
+    with decoding(path, "a summary of results", remedy="estimate again, or remove it"):
+        stored = json.loads(path.read_text(encoding="utf-8")).get("calibration")
+        if stored is None:
+            return None
+        focus = stored["focus_distance_m"]
+        return Calibration(**{**stored, "focus_distance_m": math.inf if focus is None else focus})
+
+
+def _calibration(calibration: Calibration | None) -> dict[str, float | None] | None:
+    """Return the fields of the camera; null replaces infinity, which JSON does not have."""
+    if calibration is None:
+        return None
+    fields = dataclasses.asdict(calibration)
+    return {name: None if math.isinf(value) else value for name, value in fields.items()}
 
 
 def peak_memory_bytes() -> int:

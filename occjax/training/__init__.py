@@ -15,7 +15,6 @@ from occjax.training.recipes import RECIPES, Recipe, recipe
 from occjax.training.step import TrainState, init_state, train_step
 from occjax.training.tasks import TrainingTask, task_of
 from occjax.training.validation import (
-    ValidationScene,
     scenes_from_batch,
     scenes_from_folders,
     validate,
@@ -32,7 +31,6 @@ __all__ = [
     "TrainState",
     "Trained",
     "TrainingTask",
-    "ValidationScene",
     "cascade_loss",
     "init_state",
     "learning_rate",

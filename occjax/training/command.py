@@ -66,7 +66,12 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
         ] = 0,
         initial_weights: Annotated[
             Path | None,
-            arg(help="File of the initial weights.", metavar="FILE", help_behavior_hint=""),
+            arg(
+                help="Initial weights: a file, or a name from 'occjax weights list'. By default "
+                "random weights.",
+                metavar="FILE",
+                help_behavior_hint="",
+            ),
         ] = None,
         overfit_one: Annotated[
             bool, arg(help="Train on the first batch only, and check that its loss halves.")
@@ -79,7 +84,7 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
                 f"every {run.log_every} have fewer; pass more --steps or a smaller --log-every"
             )
         source = make_source(data, config.network)
-        scenes = scenes_from_folders(validate, config, views=data.scenes.views)
+        scenes = scenes_from_folders(validate)
         scenes += validation_scenes(data, validation_samples)
         trained = train(
             config,

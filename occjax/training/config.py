@@ -151,7 +151,6 @@ class RunConfig:
         keep: Number of latest checkpoints to keep, in addition to the best one.
         log_every: Number of steps between two lines of the log, each the mean over these steps.
         validate_every: Number of steps between two validations, each with a checkpoint.
-        validation_border: Pixels that validation leaves out at each side.
         prefetch: Number of batches that are prepared while the model trains.
     """
 
@@ -161,11 +160,8 @@ class RunConfig:
     keep: int = 2
     log_every: int = 50
     validate_every: int = 1000
-    validation_border: int = 15
     prefetch: int = 2
 
     def __post_init__(self) -> None:
         """Check the values."""
-        names = {field.name for field in dataclasses.fields(self)} - {"validation_border"}
-        _check_positive(self, "", *sorted(names))
-        _check_not_negative(self, "", "validation_border")
+        _check_positive(self, "", *(field.name for field in dataclasses.fields(self)))

@@ -16,11 +16,12 @@ from occjax.data.procedural import SceneConfig
 from occjax.data.scenes import load_scenes
 from occjax.data.sources import Source, cached_source, mixture, procedural_source
 from occjax.errors import InputError
+from occjax.lightfield import LightField
 from occjax.models import ModelConfig, ProposalConfig
 from occjax.training.prepared import PatchConfig, prepared_source
 from occjax.training.step import BatchSource
 from occjax.training.tasks import task_of
-from occjax.training.validation import ValidationScene, scenes_from_batch
+from occjax.training.validation import scenes_from_batch
 
 VALIDATION_SEED = 2**31
 """Added to the seed for procedural scenes that only validation uses."""
@@ -118,7 +119,7 @@ def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:
     return mixture(parts) if len(parts) > 1 else next(iter(parts))
 
 
-def validation_scenes(config: DataConfig, count: int) -> list[ValidationScene]:
+def validation_scenes(config: DataConfig, count: int) -> list[LightField]:
     """Render procedural light fields that training never uses, always the same ones.
 
     Args:
@@ -126,13 +127,13 @@ def validation_scenes(config: DataConfig, count: int) -> list[ValidationScene]:
         count: Number of light fields.
 
     Returns:
-        The scenes.
+        The light fields.
     """
     if not count:
         return []
     unvaried = dataclasses.replace(config, augmentation=None, kept=0)
     source = _procedural(unvaried, count, config.seed + VALIDATION_SEED)
-    return scenes_from_batch(source(0), "procedural")
+    return scenes_from_batch(source(0), "procedural", disparity_range=config.scenes.disparity_range)
 
 
 def fixed(source: BatchSource) -> BatchSource:

@@ -19,7 +19,9 @@ from tqdm import tqdm
 
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
+from occjax.lightfield import LightField
 from occjax.models import load_weights, save_weights
+from occjax.models.bundled import find_weights
 from occjax.training.checkpoints import Checkpoints, open_training_folder
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.logging import Log
@@ -34,7 +36,7 @@ from occjax.training.step import (
     state_from_variables,
     train_step,
 )
-from occjax.training.validation import SELECTION_METRIC, ValidationScene, check_scenes, validate
+from occjax.training.validation import SELECTION_METRIC, check_scenes, validate
 
 WEIGHTS_FILE = "weights.safetensors"
 BEST_FILE = "best.safetensors"
@@ -61,7 +63,7 @@ def train(
     folder: str | Path,
     *,
     run: RunConfig | None = None,
-    validation: Sequence[ValidationScene] = (),
+    validation: Sequence[LightField] = (),
     data: Mapping[str, Any] | None = None,
     initial_weights: str | Path | None = None,
     say: Callable[[str], None] = tqdm.write,
@@ -82,9 +84,10 @@ def train(
         source: Source of the batches.
         folder: Folder of the training.
         run: Settings of this process.
-        validation: Light fields to validate on.
+        validation: Light fields with ground truth to validate on, with different names.
         data: Description of the source, which must be the same when training is resumed.
-        initial_weights: File of the initial weights; random weights by default.
+        initial_weights: Initial weights: a file, or a name that ``occjax weights list`` prints;
+            random weights by default. They are validated before the first step.
         say: Function that is called with lines for the user.
 
     Returns:
@@ -106,7 +109,9 @@ def train(
     """
     folder, run = Path(folder), run or RunConfig()
     check_writable(folder)
-    check_scenes(validation, border=run.validation_border)
+    check_scenes(validation, config.network)
+    initial_file = None if initial_weights is None else find_weights(initial_weights)
+    say(f"{folder}: preparing the first batch")
     first = source(0)
     batch_sharding, state_sharding = shardings(first.disparity.shape[0])
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
@@ -118,7 +123,7 @@ def train(
             state = checkpoints.restore(_placed(like, state_sharding))
             say(f"{folder}: resuming after step {checkpoints.latest_step}")
         else:
-            state = _first_state(config, first, initial_weights)
+            state = _first_state(config, first, initial_file)
             state = jax.device_put(state, state_sharding)
         start = int(state.step)
         with (
@@ -130,10 +135,15 @@ def train(
             tqdm(total=config.steps, initial=start, unit="step", disable=None) as bar,
         ):
             keeper = _Keeper(config, run, folder, validation, checkpoints, log, say)
-            meter = _Meter(config, log, bar)
+            meter = _Meter(config, log, bar, say)
+            if start == 0 and initial_file is not None and validation:
+                keeper.validate(state, 0)
             deadline = math.inf if run.minutes is None else time.monotonic() + 60.0 * run.minutes
             for step, batch in meter.waiting(batches):
-                state, metrics = train_step(state, batch, config=config)
+                if step == start:
+                    state, metrics = _first_step(state, batch, config, folder, say)
+                else:
+                    state, metrics = train_step(state, batch, config=config)
                 done = step + 1
                 meter.add(metrics)
                 stopping = interrupted.is_set() or time.monotonic() >= deadline
@@ -156,6 +166,17 @@ def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) 
     if weights is None:
         return init_state(config, batch)
     return state_from_variables(load_weights(weights, config.network)[0], config)
+
+
+def _first_step(
+    state: TrainState, batch: Batch, config: TrainConfig, folder: Path, say: Callable[[str], None]
+) -> tuple[TrainState, dict[str, jax.Array]]:
+    """Compile and start the first step, and tell the user, who sees no progress meanwhile."""
+    say(f"{folder}: compiling the training step; on a CPU this takes one to several minutes")
+    begin = time.monotonic()
+    result = train_step(state, batch, config=config)
+    say(f"{folder}: compiled in {time.monotonic() - begin:.0f} s")
+    return result
 
 
 def _placed(state: TrainState, sharding: jax.sharding.Sharding) -> TrainState:
@@ -187,7 +208,7 @@ class _Keeper:
             return
         score = None
         if validating and self._validates(done):
-            scores = self._validate(state, done)
+            scores = self.validate(state, done)
             score, best = scores[SELECTION_METRIC], self.checkpoints.best_score
             if best is None or score < best:
                 self._save_weights(state, BEST_FILE, done)
@@ -199,12 +220,12 @@ class _Keeper:
         at_end = done == self.config.steps
         return bool(self.validation) and (done % self.run.validate_every == 0 or at_end)
 
-    def _validate(self, state: TrainState, done: int) -> dict[str, float]:
+    def validate(self, state: TrainState, done: int) -> dict[str, float]:
+        """Validate, and write the scores to the log."""
         scores = validate(
-            state.ema,
+            jax.device_get(state.ema),
             self.validation,
-            self.config,
-            border=self.run.validation_border,
+            self.config.network,
             pictures=self.folder / PICTURES,
         )
         self.log.write("validation", done, scores)
@@ -220,11 +241,16 @@ class _Keeper:
 
 
 class _Meter:
-    """Means of the metrics of several steps, for the log and the progress bar."""
+    """Means of the metrics of several steps, for the log and the progress bar.
 
-    def __init__(self, config: TrainConfig, log: Log, bar: tqdm) -> None:
+    Where there is no progress bar, in a pipe or a file, lines are printed instead.
+    """
+
+    def __init__(
+        self, config: TrainConfig, log: Log, bar: tqdm, say: Callable[[str], None]
+    ) -> None:
         self.rate = learning_rate(config.optimiser, config.steps)
-        self.log, self.bar = log, bar
+        self.log, self.bar, self.say = log, bar, say
         self.restart()
 
     def restart(self) -> None:
@@ -265,6 +291,11 @@ class _Meter:
         means["waiting_for_data"] = self.waited / max(seconds, 1e-9)
         self.log.write("train", done, means)
         self.bar.set_postfix(loss=f"{means['loss']:.4f}", badpix=f"{means['badpix']:.1f}%")
+        if self.bar.disable:
+            self.say(
+                f"step {done} of {self.bar.total}: loss {means['loss']:.4f}, badpix "
+                f"{means['badpix']:.1f}%, {means['seconds_per_step']:.2f} s per step"
+            )
         self.restart()
         if not math.isfinite(means["loss"]):
             raise InputError(

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from occjax.data.samples import LightFieldSample
-from occjax.models import OccCasNet, OccCasNetConfig, StageOutput, predict
+from occjax.models import OccCasNet, OccCasNetConfig, StageOutput
 from occjax.models.occcasnet.layers import BATCH_AXIS
 from occjax.training.config import LossConfig, Precision
 from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
@@ -78,13 +78,6 @@ class OccCasNetTask:
             return outputs, changed.get("batch_stats", {})
 
         return jax.vmap(apply_to_one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
-
-    def predict(self, variables: dict, sample: LightFieldSample) -> Float[Array, "h w"]:
-        """Estimate the disparity of one light field."""
-        truth = self._ground_truth(sample)
-        dtype = jnp.dtype(self.precision)
-        outputs = predict(variables, sample.views, self.network, ground_truth=truth, dtype=dtype)
-        return outputs[-1].disparity
 
     def _ground_truth(self, sample: LightFieldSample) -> Float[Array, "h w"] | None:
         """Return the ground truth for networks that compute occlusion maps from it."""

@@ -65,11 +65,6 @@ class ProposalTask:
             loss += self.loss_config.distribution * metrics["distribution"]
         return loss, (metrics, batch_stats)
 
-    def predict(self, variables: dict, sample: LightFieldSample) -> Float[Array, "h w"]:
-        """Estimate the disparity of one light field."""
-        network = ProposalNet(self.network, dtype=self.precision)
-        return network.apply(variables, sample.views, offsets=sample.offsets).disparity  # type: ignore[union-attr]
-
     def _proposals(
         self, example: LightFieldSample | PreparedSample
     ) -> tuple[Proposals, Float[Array, "h w"]]:

@@ -104,7 +104,7 @@ def tiny() -> Recipe:
     return Recipe(
         TrainConfig(network, LossConfig(), optimiser, steps=500, ema_decay=0.98),
         DataConfig(batch_size=4, scenes=scenes, augmentation=_square(32)),
-        RunConfig(validate_every=250, validation_border=4),
+        RunConfig(validate_every=250),
     )
 
 

@@ -9,7 +9,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Array, Float
 
-from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
 from occjax.models import ModelConfig, OccCasNetConfig, ProposalConfig
 from occjax.training.config import LossConfig, Precision
@@ -55,18 +54,6 @@ class TrainingTask(Protocol):
         Returns:
             The loss; the metrics to log, one of which is ``badpix`` (percentage of pixels with an
             error above 0.07); and the new running statistics.
-        """
-        ...
-
-    def predict(self, variables: dict, sample: LightFieldSample) -> Float[Array, "h w"]:
-        """Estimate the disparity of one light field of any size, as ``occjax estimate`` does.
-
-        Args:
-            variables: Variables of the model.
-            sample: One light field (no batch axis).
-
-        Returns:
-            ``[h, w]`` disparity, pixels per view step.
         """
         ...
 

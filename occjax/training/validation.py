@@ -1,28 +1,31 @@
-"""Scores and pictures of light fields that training does not use."""
+"""Scores and pictures of light fields that training does not use.
+
+A light field is estimated and compared as ``occjax estimate`` does it, with the same code: the same
+views, disparity range, precision and border. The scores of a weights file are therefore those that
+``occjax estimate --weights`` prints.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import imageio.v3 as imageio
 import jax
 import numpy as np
-from jaxtyping import Array, Float
 
-from occjax.data.samples import LightFieldSample, numpy_sample, select_views, to_device
+from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
-from occjax.evaluation import evaluate
+from occjax.estimators import run_estimator
+from occjax.estimators.factory import estimator_of
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io import load
 from occjax.io.atomic import atomic_path
-from occjax.lightfield import view_offsets
-from occjax.training.config import TrainConfig
-from occjax.training.tasks import task_of
-from occjax.view_selection import Selection
+from occjax.lightfield import LightField, view_offsets
+from occjax.models import ModelConfig
+from occjax.results.outputs import compare
 from occjax.viz.colour import disparity_colours, error_colours, limits
 
 SELECTION_METRIC = f"badpix_{BAD_PIXEL_THRESHOLD:g}"
@@ -32,33 +35,19 @@ ERROR_LIMIT = 0.3
 """Error at which the colours of the error map end, pixels per view step."""
 
 
-class ValidationScene(NamedTuple):
-    """A light field with ground truth.
-
-    Attributes:
-        name: Name of its picture and of its scores in the log.
-        sample: The light field, without a batch axis.
-    """
-
-    name: str
-    sample: LightFieldSample
-
-
 def validate(
     variables: dict,
-    scenes: Sequence[ValidationScene],
-    config: TrainConfig,
+    scenes: Sequence[LightField],
+    network: ModelConfig,
     *,
-    border: int,
     pictures: Path | None = None,
 ) -> dict[str, float]:
     """Compute the scores of a model on each scene, and their means.
 
     Args:
         variables: Variables of the model.
-        scenes: At least one scene.
-        config: Settings of the training.
-        border: Pixels left out at each side.
+        scenes: At least one light field with ground truth, with different names.
+        network: Configuration of the model.
         pictures: Folder for one picture per scene: truth, estimate and error next to each other.
 
     Returns:
@@ -67,161 +56,144 @@ def validate(
 
     Example:
         >>> from occjax.models import preset, variable_shapes
-        >>> config = TrainConfig(preset("tiny"))
+        >>> network = preset("tiny")
+        >>> zeros = jax.tree.map(
+        ...     lambda leaf: np.zeros(leaf.shape, leaf.dtype), variable_shapes(network)
+        ... )
         >>> views = np.zeros((3, 3, 16, 16), np.float32)
-        >>> sample = numpy_sample(views, view_offsets(3, 3), views[1, 1])
-        >>> zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape), variable_shapes(config.network))
-        >>> scores = validate(zeros, [ValidationScene("flat", sample)], config, border=2)
+        >>> flat = LightField(views, name="flat", ground_truth=views[1, 1])
+        >>> scores = validate(zeros, [flat], network)
         >>> scores["badpix_0.07"] == scores["flat/badpix_0.07"]
         True
     """
+    estimator = estimator_of(network, variables)
     return score_scenes(
-        lambda sample: np.asarray(predict(variables, sample, config)),
+        lambda light_field: run_estimator(estimator, light_field).disparity,
         scenes,
-        border=border,
         pictures=pictures,
     )
 
 
 def score_scenes(
-    estimate: Callable[[LightFieldSample], np.ndarray],
-    scenes: Sequence[ValidationScene],
+    estimate: Callable[[LightField], np.ndarray],
+    scenes: Sequence[LightField],
     *,
-    border: int,
     pictures: Path | None = None,
 ) -> dict[str, float]:
     """Compute the scores of any estimator on each scene, and their means.
 
     Args:
-        estimate: Function that returns the disparity ``[h, w]`` of a sample.
-        scenes: At least one scene.
-        border: Pixels left out at each side.
+        estimate: Function that returns the disparity ``[H, W]`` of a light field.
+        scenes: At least one light field with ground truth, with different names.
         pictures: Folder for one picture per scene, see :func:`validate`.
 
     Returns:
         Scores with the names of :func:`validate`.
     """
     scores: dict[str, float] = {}
-    for name, sample in scenes:
-        disparity = estimate(sample)
-        truth, valid = np.asarray(sample.disparity), np.asarray(sample.valid)
-        metrics = evaluate(disparity, truth, border=border, mask=valid)
+    for scene in scenes:
+        name, truth = scene.name, scene.ground_truth
+        disparity = estimate(scene)
+        metrics = compare(disparity, truth)
+        assert truth is not None
+        assert metrics is not None
         badpix = {f"badpix_{threshold:g}": value for threshold, value in metrics.badpix.items()}
         for measure, value in {"mse_x100": metrics.mse_x100, **badpix}.items():
             scores[f"{name}/{measure}"] = value
             scores[measure] = scores.get(measure, 0.0) + value / len(scenes)
         if pictures is not None:
             with atomic_path(pictures / f"{name}.png") as path:
-                imageio.imwrite(path, picture(disparity, np.where(valid, truth, np.nan)))
+                imageio.imwrite(path, picture(disparity, truth))
     return scores
 
 
-@partial(jax.jit, static_argnames="config")
-def predict(variables: dict, sample: LightFieldSample, config: TrainConfig) -> Float[Array, "h w"]:
-    """Estimate the disparity of one light field of any size, as ``occjax estimate`` does.
-
-    Args:
-        variables: Variables of the model.
-        sample: One light field (no batch axis).
-        config: Settings of the training.
-
-    Returns:
-        ``[h, w]`` disparity, pixels per view step.
-    """
-    return task_of(config.network, config.loss, config.precision).predict(variables, sample)
-
-
-def scenes_from_folders(
-    folders: Sequence[str | Path], config: TrainConfig, *, views: Selection = "all"
-) -> list[ValidationScene]:
-    """Read light fields with ground truth, with the views that the model takes.
+def scenes_from_folders(folders: Sequence[str | Path]) -> list[LightField]:
+    """Read light fields with ground truth.
 
     Args:
         folders: Anything that :func:`occjax.load` reads.
-        config: Settings of the training.
-        views: Views to use, if the model takes any arrangement of views.
 
     Returns:
-        The scenes, named after their folders.
+        The light fields, with different names.
 
     Raises:
-        InputError: If a light field cannot be read, has no ground truth, or has fewer views than
-            the model takes.
+        InputError: If a light field cannot be read or has no ground truth.
 
     Example:
         >>> import tempfile
         >>> from occjax.data.bundled_sample import sample
         >>> from occjax.io import write_arrays
-        >>> from occjax.training import recipe
         >>> path = Path(tempfile.mkdtemp()) / "cotton.npz"
         >>> write_arrays(path, sample().central(3, 3))
-        >>> scenes = scenes_from_folders([path], recipe("proposal").train, views="outer_star")
-        >>> scenes[0].name, scenes[0].sample.views.shape
-        ('cotton', (1, 9, 256, 256))
+        >>> scenes_from_folders([path])[0].name
+        'cotton'
     """
-    selection = task_of(config.network).view_selection(views)
     scenes = []
     for folder in folders:
-        light_field = load(folder, check_orientation=False)
-        truth = light_field.ground_truth
-        if truth is None:
+        light_field = load(folder)
+        if light_field.ground_truth is None:
             raise InputError(
                 f"{folder}: has no ground truth to validate with; choose another scene"
             )
-        offsets = light_field.positions
-        sample = numpy_sample(
-            light_field.grey(),
-            view_offsets(*light_field.grid) if offsets is None else offsets,
-            truth.astype(np.float32),
-            valid=np.isfinite(truth),
-        )
-        try:
-            sample = select_views(sample, selection)
-        except InputError as error:
-            raise InputError(f"{folder}: {error}") from error
-        scenes.append(ValidationScene(light_field.name, to_device(sample)))
+        scenes.append(light_field)
     return _with_unique_names(scenes)
 
 
-def scenes_from_batch(batch: LightFieldSample, name: str = "sample") -> list[ValidationScene]:
-    """Return the samples of a batch as scenes.
+def scenes_from_batch(
+    batch: LightFieldSample,
+    name: str = "sample",
+    *,
+    disparity_range: tuple[float, float] | None = None,
+) -> list[LightField]:
+    """Return the samples of a batch as light fields.
 
     Args:
         batch: Samples with a leading axis on every field.
-        name: Name of the scenes; each gets a number after it.
+        name: Name of the light fields; each gets a number after it.
+        disparity_range: ``(minimum, maximum)`` of all samples, in pixels per view step, if known.
 
     Returns:
-        One scene for each sample.
+        One light field for each sample.
 
     Example:
+        >>> from occjax.data.samples import numpy_sample
         >>> images = np.zeros((2, 3, 3, 4, 6), np.float32)
         >>> batch = numpy_sample(images, np.zeros((2, 3, 3, 2), np.float32), images[:, 1, 1])
         >>> [scene.name for scene in scenes_from_batch(batch)]
         ['sample_0', 'sample_1']
     """
-    return [
-        ValidationScene(f"{name}_{index}", jax.tree.map(lambda field, i=index: field[i], batch))
-        for index in range(len(batch.views))
-    ]
+    scenes = []
+    for index in range(len(batch.views)):
+        sample = jax.tree.map(lambda field, index=index: np.asarray(field[index]), batch)
+        regular = np.array_equal(sample.offsets, view_offsets(*sample.views.shape[:2]))
+        scenes.append(
+            LightField(
+                sample.views[..., None],
+                name=f"{name}_{index}",
+                disparity_range=disparity_range,
+                ground_truth=np.where(sample.valid, sample.disparity, np.float32(np.nan)),
+                positions=None if regular else sample.offsets,
+            )
+        )
+    return scenes
 
 
-def check_scenes(scenes: Sequence[ValidationScene], *, border: int) -> None:
-    """Check before training that every scene has pixels to compare.
+def check_scenes(scenes: Sequence[LightField], network: ModelConfig) -> None:
+    """Check before training that every scene can be estimated and compared.
 
     Args:
-        scenes: The scenes.
-        border: Pixels left out at each side.
+        scenes: The light fields.
+        network: Configuration of the model.
 
     Raises:
-        InputError: If a scene has no pixel with ground truth inside the border.
+        InputError: If a light field does not have the views that the model takes, or has no pixel
+            with ground truth inside the border.
     """
     for scene in scenes:
-        valid = np.asarray(scene.sample.valid)
-        h, w = valid.shape
-        if not valid[border : h - border, border : w - border].any():
+        estimator_of(network, {}).prepare(scene, None)
+        if compare(np.zeros(scene.image_size), scene.ground_truth) is None:
             raise InputError(
-                f"{scene.name}: no pixel of its {h}x{w} has ground truth and is at least "
-                f"{border} pixels from the border; pass a smaller validation_border or leave it out"
+                f"{scene.name}: no pixel inside the border has ground truth; choose another scene"
             )
 
 
@@ -246,12 +218,13 @@ def picture(disparity: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.round(255.0 * np.concatenate(maps, axis=1)[..., :3]).astype(np.uint8)
 
 
-def _with_unique_names(scenes: list[ValidationScene]) -> list[ValidationScene]:
+def _with_unique_names(scenes: list[LightField]) -> list[LightField]:
     """Number scenes of equal names; otherwise they would write the same picture."""
     count: Counter[str] = Counter()
     unique = []
-    for name, sample in scenes:
-        count[name] += 1
-        numbered = name if count[name] == 1 else f"{name}_{count[name]}"
-        unique.append(ValidationScene(numbered, sample))
+    for scene in scenes:
+        count[scene.name] += 1
+        number = count[scene.name]
+        name = scene.name if number == 1 else f"{scene.name}_{number}"
+        unique.append(dataclasses.replace(scene, name=name))
     return unique

@@ -76,6 +76,22 @@ def test_the_camera_next_to_the_map_is_found(run, scene):
     np.testing.assert_allclose(read_pfm("depth.pfm"), depth_of(DISPARITY), rtol=1e-6)
 
 
+def test_camera_options_override_and_complete_the_camera(run, scene):
+    depth = ("disparity.pfm", "depth.npy", "--to", "depth")
+    whole = ("--focal-length-mm", 100, "--sensor-mm", 35, "--baseline-mm", 50, "--focus-m", 7.2)
+    assert run(*depth, *whole)[0] == 0
+    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY), rtol=1e-6)
+    # Twice the baseline: every disparity is that of half of it.
+    assert run(*depth, "--scene", scene, "--baseline-mm", 100, "--overwrite")[0] == 0
+    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY / 2), rtol=1e-6)
+    code, _, err = run(*depth, *whole[:4], "--overwrite")
+    assert code == 2
+    assert "pass --baseline-mm and --focus-m too (inf for parallel cameras)" in err
+    code, _, err = run(*depth, *whole[:6], "--focus-m", -1, "--overwrite")
+    assert code == 2
+    assert "--focus-m is -1; it must be a positive number" in err
+
+
 def test_points_have_the_position_and_colour_of_their_pixels(run, scene):
     code, out, err = run("disparity.pfm", "cloud.ply", "--scene", scene)
     assert (code, err) == (0, "")

@@ -14,22 +14,46 @@ from occjax.cli import scenes
 from occjax.data.bundled_sample import sample
 from occjax.io import read_pfm
 
+CAMERA = (
+    *("--focal-length-mm", 50, "--sensor-mm", 40),
+    *("--baseline-mm", 20, "--focus-m", "inf"),
+)
 FAST = ("--model", "photometric", "--disparity-range", "-1", "2")
 
 
 def test_estimate_writes_maps_and_reports_their_accuracy(run, scene, tmp_path):
-    code, out, err = run("estimate", scene, "-o", tmp_path / "out", "--disparity-range", "-1", "2")
-    assert (code, err) == (0, "")
+    # The scene after the two numbers is not taken for a third one.
+    code, out, err = run(
+        "estimate", "-o", tmp_path / "out", *CAMERA, "--disparity-range", "-1", "2", scene
+    )
+    assert code == 0
+    phases = ["reading", "preparing", "compiling", "estimating", "occlusion maps", "writing"]
+    lines = err.splitlines()  # there is no terminal: one line for each phase
+    assert [line.partition(" (")[0] for line in lines] == [f"scene: {phase}" for phase in phases]
     assert "scene: proposal with proposal.safetensors" in out
     assert "BadPix 0.07" in out
     disparity = read_pfm(tmp_path / "out/scene/disparity.pfm")
     assert np.median(np.abs(disparity - 0.5)) < 0.03
     assert {path.name for path in (tmp_path / "out/scene").iterdir()} == {
         *("disparity.pfm", "disparity.npy", "confidence.npy", "disparity_picture.png"),
-        *("confidence.png", "error.png", "points.ply", "summary.json"),
+        *("confidence.png", "error.png", "points.ply", "summary.json", "depth.npy"),
     }
+    # Parallel cameras: depth = f b / d, with f = 50 / 40 of 40 pixels and b = 20 mm.
+    depth = np.load(tmp_path / "out/scene/depth.npy")
+    np.testing.assert_allclose(depth, 50 * 0.02 / disparity, rtol=1e-5)
     summary = json.loads((tmp_path / "out/scene/summary.json").read_text())
     assert summary["model"] == "proposal"
+    assert summary["calibration"] == {
+        "focal_length_mm": 50.0,
+        "sensor_size_mm": 40.0,
+        "baseline_mm": 20.0,
+        "focus_distance_m": None,
+    }
+    converted = tmp_path / "depth.pfm"
+    code, out, _ = run("convert", tmp_path / "out/scene", converted, "--to", "depth")
+    assert code == 0
+    assert f"camera: {tmp_path / 'out/scene/summary.json'}" in out
+    np.testing.assert_allclose(read_pfm(converted), depth, rtol=1e-6)
     assert summary["searched_disparity_range"] == [-1.0, 2.0]
     assert set(summary["seconds"]) == {"load", "prepare", "compile", "run"}
     assert all(seconds > 0 for seconds in summary["seconds"].values())
@@ -167,7 +191,8 @@ def test_swapped_grid_causes_a_warning_and_a_note(run, scene, tmp_path):
 @pytest.mark.slow
 def test_demo_estimates_the_bundled_sample(run, tmp_path):
     code, out, err = run("demo", "-o", tmp_path / "demo")
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert "warning" not in err
     assert "BadPix 0.07" in out
     assert str(tmp_path / "demo") in out
     assert (tmp_path / "demo/comparison.png").is_file()

@@ -7,6 +7,7 @@ import pytest
 
 import occjax
 from occjax.cli.main import COMMANDS
+from occjax.models import PRESETS
 
 HEAVY = ("jax", "flax", "matplotlib", "scipy", "PIL", "tifffile")
 
@@ -69,9 +70,19 @@ def test_help_lists_all_commands(run):
 def test_bad_input_is_one_line_and_code_2(run, arguments, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, _, err = run(*arguments)
-    assert (code, err.count("\n")) == (2, 1)
-    assert message in err
+    errors = [line for line in err.splitlines() if not line.endswith(": reading")]
+    assert (code, len(errors)) == (2, 1)
+    assert message in errors[0]
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"), [(["1"], "Expected 2 values"), (["1", "a"], "two numbers, not 1 a")]
+)
+def test_a_pair_of_numbers_that_is_none_is_explained(run, numbers, message):
+    code, _, err = run("estimate", "scene", "-o", "out", "--disparity-range", *numbers)
+    assert code == 2
+    assert message in err
 
 
 def test_reader_that_closes_the_pipe_is_no_error(scene):
@@ -86,6 +97,17 @@ def test_weights_in_the_package_are_listed(run):
     assert code == 0
     assert out.startswith("proposal: ")
     assert "sha256" in out
+
+
+def test_help_names_the_models_that_can_run_and_the_list_all_others(run):
+    _, out, _ = run("estimate", "--help")
+    text = " ".join(out.replace("│", " ").split())
+    assert "proposal or photometric; any other name from 'occjax weights list'" in text
+    assert "cas_2_share" not in text
+    _, out, _ = run("weights", "list")
+    assert "models that have no weights: photometric\n" in out
+    listed = out.splitlines()[-1].rpartition(": ")[2].split(", ")
+    assert sorted([*listed, "proposal", "photometric"]) == sorted(PRESETS)
 
 
 @pytest.mark.slow

@@ -16,12 +16,21 @@ def test_errors_of_known_maps_are_printed(run, tmp_path):
     write_pfm(tmp_path / "truth.pfm", truth)
     np.save(tmp_path / "estimate.npy", estimate)
     files = tmp_path / "estimate.npy", tmp_path / "truth.pfm"
-    code, out, _ = run("evaluate", *files)
+    code, out, _ = run("evaluate", *files, "--border", 15)
     assert code == 0
     for line in ("MSE x100     0.125", "BadPix 0.07  0.000 %", "BadPix 0.03  50.000 %"):
         assert line in out
     code, out, _ = run("evaluate", *files, "--json")
-    assert json.loads(out)["badpix"]["0.03"] == 50.0
+    assert json.loads(out)["border"] == 7  # an eighth of 60 pixels
+    np.testing.assert_allclose(json.loads(out)["badpix"]["0.03"], 100 * (30 * 15) / 46**2)
+
+
+def test_a_map_compared_with_itself_causes_a_warning(run, scene):
+    truth = scene / "gt_disp_lowres.pfm"
+    code, out, err = run("evaluate", truth, scene)
+    assert code == 0
+    assert "BadPix 0.07  0.000 %" in out
+    assert err == f"occjax: warning: {truth} and {truth} are the same map; the errors are 0\n"
 
 
 def test_published_scores_of_occcasnet_on_cotton(run, shared):

@@ -2,6 +2,7 @@
 
 import importlib.util
 import pickle
+import sys
 from pathlib import Path
 
 import jax
@@ -12,7 +13,13 @@ import pytest
 
 import occjax
 from occjax.errors import InputError
-from occjax.estimators import estimate, estimate_occlusion, export_estimator, run_estimator
+from occjax.estimators import (
+    estimate,
+    estimate_occlusion,
+    export_estimator,
+    make_estimator,
+    run_estimator,
+)
 from occjax.estimators.driver import _compile
 from tests.scenes import plane
 
@@ -124,3 +131,9 @@ def test_third_model_of_the_documentation_estimates_a_slanted_plane(scene):
     assert median_error(result, scene) < 0.05
     assert result.model == "plane sweep"
     assert result.occlusion.shape == (3, 3, 24, 32)
+
+
+def test_an_export_without_its_extra_names_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "flatbuffers", None)
+    with pytest.raises(InputError, match=r"pip install 'occjax\[export\]'"):
+        export_estimator(make_estimator("photometric"), plane())

@@ -3,15 +3,14 @@
 import dataclasses
 
 import imageio.v3 as imageio
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from experiments import hci_scenes, train_hci
 from experiments.train_hci import ADDITIONAL, VALIDATION
-from occjax.data.samples import LightFieldSample
 from occjax.data.scenes import GROUND_TRUTH, Scene
 from occjax.errors import InputError
+from occjax.lightfield import LightField
 from occjax.training import read_log
 
 
@@ -46,23 +45,17 @@ def test_smoke_test_trains_and_resumes(tmp_path, capsys):
 
 def test_crops_are_averaged_where_they_overlap():
     size = 16
-    ramp = jnp.tile(jnp.arange(size, dtype=jnp.float32), (size, 1))
-    sample = LightFieldSample(
-        views=jnp.broadcast_to(ramp, (3, 3, size, size)),
-        offsets=jnp.zeros((3, 3, 2)),
-        disparity=ramp.T,
-        visibility=jnp.ones((3, 3, size, size), bool),
-        valid=jnp.ones((size, size), bool),
-    )
+    ramp = np.tile(np.arange(size, dtype=np.uint8), (size, 1))
+    light_field = LightField(np.tile(ramp, (3, 3, 1, 1)), ground_truth=ramp.T)
     # A function of the position is recovered exactly.
     both = train_hci.averaged_crops(
-        lambda crop: np.asarray(crop.views[1, 1] + 100 * crop.disparity), sample
+        lambda crop: crop.centre[..., 0] + 100.0 * crop.ground_truth, light_field
     )
-    np.testing.assert_allclose(both, ramp + 100 * ramp.T)
+    np.testing.assert_allclose(both, ramp + 100.0 * ramp.T)
     # Where crops differ, the result is their mean; crop k, row by row, returns k.
     number = iter(range(9))
     mean = train_hci.averaged_crops(
-        lambda crop: np.full(crop.disparity.shape, next(number)), sample
+        lambda crop: np.full(crop.image_size, next(number)), light_field
     )
     assert mean[0, 0] == 0.0
     assert mean[0, 4] == 0.5

@@ -257,7 +257,8 @@ def npy_cut_short(path):
     [
         ("nowhere", lambda path: None, ["there is no such file"]),
         ("all.gif", lambda path: path.touch(), ["convert it to PNG"]),
-        ("scene.lfp", lambda path: path.touch(), ["unknown kind"]),
+        ("scene.xyz", lambda path: path.touch(), ["unknown kind"]),
+        ("IMG.LFR", lambda path: path.touch(), ["PlenoptiCam", "{v}_{u}.png", "Light Field Too"]),
         ("scene.npz", lambda path: path.write_text("no archive"), ["NumPy file"]),
         ("scene.npz", npz_cut_short, ["NumPy file"]),
         ("scene.npy", npy_cut_short, ["NumPy file"]),

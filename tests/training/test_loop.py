@@ -18,7 +18,7 @@ from occjax.training.checkpoints import Checkpoints
 from tests.reference.variables import random_variables
 from tests.training.conftest import planes
 
-RUN = RunConfig(log_every=2, validate_every=2, validation_border=2, prefetch=1)
+RUN = RunConfig(log_every=2, validate_every=2, prefetch=1)
 
 
 def one_plane(step):
@@ -59,7 +59,7 @@ def uninterrupted(six_steps, begin, tmp_path_factory):
 def validated(six_steps, begin, tmp_path_factory):
     """Train six steps with three validations, of which the second is the best."""
     folder = tmp_path_factory.mktemp("validated") / "run"
-    scores = iter([30.0, 10.0, 20.0])
+    scores = iter([40.0, 30.0, 10.0, 20.0])  # the first of the initial weights
     lines = []
 
     def scored(*arguments, **options):
@@ -91,7 +91,7 @@ def test_an_interrupted_training_ends_like_an_uninterrupted_one(
         assert 1 <= checkpoints.latest_step < 6
     lines = []
     resumed = begin(six_steps, one_plane, tmp_path, say=lines.append)
-    assert "resuming after step" in lines[0]
+    assert any("resuming after step" in line for line in lines)
     assert resumed.finished
     assert_same(resumed.state, uninterrupted[0].state)
     assert [entry["step"] for entry in read_log(tmp_path)][-1] == 6
@@ -179,14 +179,25 @@ def test_the_best_weights_are_those_of_the_best_validation(validated):
 def test_validations_are_logged_reported_and_drawn(validated):
     folder, lines = validated
     entries = [entry for entry in read_log(folder) if entry["kind"] == "validation"]
-    assert [entry["step"] for entry in entries] == [2, 4, 6]
-    assert lines[1].startswith("step 4: ")
-    assert "badpix_0.07 10.000" in lines[1]
+    assert [entry["step"] for entry in entries] == [0, 2, 4, 6]
+    (line,) = [line for line in lines if line.startswith("step 4: ")]
+    assert "badpix_0.07 10.000" in line
     assert entries[0]["mse_x100"] == pytest.approx(
         np.mean([entries[0]["sample_0/mse_x100"], entries[0]["sample_1/mse_x100"]])
     )
     names = sorted(path.name for path in (folder / "pictures").iterdir())
     assert names == ["sample_0.png", "sample_1.png"]
+
+
+def test_compiling_is_announced_and_without_a_terminal_each_line_of_the_log_is_printed(validated):
+    _, lines = validated
+    first, compiling, compiled = (
+        next(number for number, line in enumerate(lines) if text in line)
+        for text in ("preparing the first batch", "compiling the training step", "compiled in")
+    )
+    assert first < compiling < compiled
+    progress = [line for line in lines if "s per step" in line]
+    assert [line.partition(":")[0] for line in progress] == [f"step {n} of 6" for n in (2, 4, 6)]
 
 
 def test_a_folder_of_other_settings_is_refused(uninterrupted, six_steps, begin):
@@ -237,5 +248,11 @@ def test_training_starts_from_the_given_weights(uninterrupted, six_steps, begin,
         jax.tree.leaves(started.state.params), jax.tree.leaves(given["params"]), strict=True
     ):
         assert 0.0 < np.abs(ours - theirs).max() < 1.51e-3
+    with pytest.raises(InputError, match="light_tiny: is neither a file nor the name of weights"):
+        begin(six_steps, one_plane, tmp_path / "named", initial_weights="light_tiny")
+    assert not (tmp_path / "named").exists()
+    # The name of weights in the package is found; they are of another model.
+    with pytest.raises(InputError, match=r"proposal\.safetensors: was made for another model"):
+        begin(six_steps, one_plane, tmp_path / "named", initial_weights="light")
     with pytest.raises(InputError, match=r"initial_weights is .*, not None"):
         begin(six_steps, one_plane, tmp_path / "run", initial_weights=None)

@@ -1,0 +1,37 @@
+"""The examples of the documentation run."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from occjax.lightfield import Calibration
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def examples(page):
+    """Return the Python examples of a page, in their order."""
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text("utf-8"), re.DOTALL)
+
+
+def test_cost_volume_examples_run_in_their_order():
+    variables = {}
+    for example in examples("cost-volumes.md"):
+        exec(example, variables)
+    truth = variables["light_field"].ground_truth
+    error = np.abs(np.asarray(variables["disparity"]) - truth)
+    assert np.median(error) < 0.1
+    assert variables["volume"].shape == (9, *truth.shape, 9)
+
+
+def test_the_camera_is_found_from_two_known_distances():
+    camera = Calibration(25.0, 20.0, baseline_mm=3.0, focus_distance_m=0.7)
+    depths = np.array([0.5, 1.1])
+    variables = {}
+    for example in examples("cameras.md"):
+        exec(example, variables)
+    measured = variables["baseline_and_focus"](
+        camera.disparity(depths, (300, 400)), depths, camera.focal_length_pixels((300, 400))
+    )
+    np.testing.assert_allclose(measured, (3.0, 0.7))
