@@ -31,6 +31,7 @@ def test_estimate_writes_maps_and_reports_their_accuracy(run, scene, tmp_path):
     assert all(seconds > 0 for seconds in summary["seconds"].values())
 
 
+@pytest.mark.slow
 def test_compiled_programs_are_kept_for_the_next_run(scene, tmp_path):
     # In new processes: JAX opens one cache per process, at the first compilation.
     def run():
