@@ -215,6 +215,8 @@ def test_wrong_options_give_one_line(script):
     assert "theano is unknown" in said
     code, _, said = script(bench.run, "--repeats", "0")
     assert (code, said.count("\n")) == (2, 1)
-    code, _, said = script(bench.run, "--small", "--train", "--peers", "torch", "--peer-python", "nowhere")
+    code, _, said = script(
+        bench.run, "--small", "--train", "--peers", "torch", "--peer-python", "nowhere"
+    )
     assert (code, said.count("\n")) == (2, 1)
     assert "nowhere cannot be run" in said
