@@ -59,11 +59,11 @@ def unchecked():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
-@pytest.fixture(params=["cpu", "default"])
+@pytest.fixture(params=["cpu", pytest.param("default", marks=pytest.mark.slow)])
 def platform(request, monkeypatch):
-    """Run the test with the programs for a CPU and with those for other platforms, on the CPU.
+    """Run the test with the programs for a CPU and, if slow tests run, with those for a GPU.
 
-    Applies to functions that are jitted within the test.
+    The programs for a GPU run on the CPU. Applies to functions that are jitted within the test.
     """
     if request.param == "default":
         monkeypatch.setattr(

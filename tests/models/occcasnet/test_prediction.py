@@ -37,7 +37,9 @@ def case(tiny_variables, uniform):
 
 # 37 rows: strips of unequal content, a single strip, strips thinner than the halo.
 @pytest.mark.usefixtures("platform")
-@pytest.mark.parametrize("rows", [10, 30, 3])
+@pytest.mark.parametrize(
+    "rows", [10, pytest.param(30, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
+)
 def test_strips_equal_the_whole_image(case, rows):
     variables, views, whole = case
     stripped = in_strips(rows)(variables, views)
