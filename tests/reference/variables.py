@@ -1,10 +1,11 @@
-"""Random variables of a model, drawn by NumPy: compiling ``init`` takes longer than most tests."""
+"""Random variables and proposals, drawn by NumPy: compiling ``init`` takes longer."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from occjax.models import ModelConfig, variable_shapes
+from occjax.models.proposal.proposals import ProposalCosts, Proposals
 
 
 def random_variables(config: ModelConfig, seed: int = 0) -> dict:
@@ -21,3 +22,14 @@ def random_variables(config: ModelConfig, seed: int = 0) -> dict:
         return jnp.asarray(value, leaf.dtype)
 
     return jax.tree_util.tree_map_with_path(draw, variable_shapes(config))
+
+
+def random_proposals(h, w):
+    """Return random proposals of a given size, as if of 8 neighbours."""
+    generator = np.random.default_rng(0)
+    centre, disparity, variance, peak = generator.random((4, h, w), np.float32)
+    proposed = disparity + generator.normal(0, 0.3, (10, h, w)).astype(np.float32)
+    proposed[0] = disparity
+    costs = ProposalCosts(jnp.asarray(generator.random((10, 13, h, w)), jnp.float16))
+    arrays = map(jnp.asarray, (centre, disparity, proposed))
+    return Proposals(*arrays, costs, jnp.asarray(variance), jnp.asarray(peak))

@@ -53,6 +53,7 @@ def assert_agree(ours, theirs):
         assert np.abs(np.asarray(ours[name]) - theirs[name]).mean() <= 5e-5, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("warp", ["correct", "transposed"])
 def test_network_reproduces_published_activations(shared, warp):
     variables, config = load_weights(shared / "parity/official_layout_weights.h5", warp=warp)

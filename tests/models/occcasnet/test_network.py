@@ -76,6 +76,7 @@ def test_per_view_statistics_are_updated_once_per_view(tiny_variables, tiny_view
     np.testing.assert_allclose(after["mean"], expected, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_gradients_reach_every_parameter_and_are_finite(tiny_variables, tiny_views):
     def loss(params):
         def one(views):

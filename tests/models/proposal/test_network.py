@@ -81,7 +81,9 @@ def test_default_candidates_and_offsets_are_those_of_the_reach(views):
     np.testing.assert_allclose(jnp.quantile(grey.centre, 0.99), CONFIG.exposure.white, rtol=1e-5)
 
 
-@pytest.mark.parametrize("shape", [(1, 4, 3, 5), (2, 2, 17, 19)])
+@pytest.mark.parametrize(
+    "shape", [(1, 4, 3, 5), pytest.param((2, 2, 17, 19), marks=pytest.mark.slow)]
+)
 def test_any_grid_and_size_give_a_map_of_that_size(shape, uniform):
     found = apply({}, uniform(*shape), config=NO_SELECTOR)
     for name in ("disparity", "searched", "refined", "confidence", "standard_deviation"):
