@@ -118,7 +118,7 @@ def estimate_scenes(
                 result = estimate, light_field
             except FAILURES as error:
                 result = error
-            report_phase("writing")
+            report_phase("failed" if isinstance(result, Exception) else "writing")
             if writing is not None:
                 writing.result()
             writing = writer.submit(finish, scene, result)
@@ -172,9 +172,9 @@ def phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
             progress.set_description(f"{name}: {phase}")
         elif sys.stderr.isatty():
             print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
-            if phase == "writing":
+            if phase in ("writing", "failed"):
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
-        else:
+        elif phase != "failed":  # The error is printed too.
             print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return show
