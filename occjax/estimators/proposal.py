@@ -12,7 +12,8 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
-from occjax.lightfield import LightField, to_grey, view_offsets
+from occjax.layout import view_brightness
+from occjax.lightfield import LightField, view_offsets
 from occjax.models.proposal import ProposalConfig, ProposalNet, ProposalOutput
 from occjax.view_selection import select_view_indices
 
@@ -44,17 +45,23 @@ class ProposalEstimator:
             InputError: If there is only one view, or the range is too wide.
         """
         (low, high), notes = choose_range(light_field, disparity_range)
+        brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         irregular = light_field.positions is not None
         offsets = np.asarray(light_field.positions, np.float32) if irregular else grid_offsets
         # The arrangement refers to the places of a grid; irregular views are all used.
-        selected = select_view_indices(
-            grid_offsets.reshape(-1, 2), "all" if irregular else self.config.views
-        )
+        usable = np.flatnonzero(brightness.usable)
+        selected = usable[
+            select_view_indices(
+                grid_offsets.reshape(-1, 2)[usable], "all" if irregular else self.config.views
+            )
+        ]
+        offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:
             raise InputError(
-                f"{light_field.name}: one view has no disparity; give a grid of at least 1x2 views"
+                f"{light_field.name}: one usable view has no disparity; give a grid of at least "
+                "1x2 views"
             )
         interval = self.config.search.interval * self.config.reach / largest_offset
         max_range = self.config.max_candidates * interval
@@ -72,14 +79,11 @@ class ProposalEstimator:
         if disparity_range is not None:
             limits = (low, high)
         # Only the selected views are converted: grey of all views takes time.
-        images = light_field.views.reshape(-1, *light_field.views.shape[2:])[selected]
-        grey = np.stack([to_grey(image) for image in images])[None]
-        others = (
-            candidates.astype(np.float32),
-            offsets.reshape(1, -1, 2)[:, selected],
-            np.array(limits, np.float32),
-        )
-        return ModelInputs(self.variables, grey, others, limits, notes, selected)
+        indices = np.unravel_index(selected, light_field.grid)
+        grey = np.stack([brightness.grey(light_field, v, u) for v, u in zip(*indices, strict=True)])
+        others = (candidates.astype(np.float32), offsets, np.array(limits, np.float32))
+        notes = (*brightness.notes, *notes)
+        return ModelInputs(self.variables, grey[None], others, limits, notes, selected)
 
     def run(
         self,

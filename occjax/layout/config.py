@@ -1,8 +1,33 @@
-"""Settings of the measurement of view order and disparity range."""
+"""Settings of the measurement of brightness, view order and disparity range."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BrightnessConfig:
+    """Settings of :func:`occjax.layout.view_brightness`.
+
+    Attributes:
+        size_px: Length of the shorter image side, in pixels, to which the views are reduced.
+        windows_per_side: Reduced image sides per radius of the local mean.
+        brightness_percentile: Percentile of the grey values of the centre view that is its
+            brightness.
+        min_grey: Grey value, relative to that brightness, above which pixels are compared.
+        min_gain: Brightness relative to the centre view below which a pixel is black.
+        dark_fraction: Fraction of black pixels above which a view is too dark.
+        equal_gain: Largest deviation of the gains from 1 that counts as equal brightness. Parallax
+            alone changes the gains of clean light fields by up to 0.02.
+    """
+
+    size_px: int = 128
+    windows_per_side: int = 24
+    brightness_percentile: float = 98.0
+    min_grey: float = 0.1
+    min_gain: float = 0.25
+    dark_fraction: float = 0.1
+    equal_gain: float = 0.03
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.layout.config import ViewOrderConfig
+from occjax.layout.config import BrightnessConfig, ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
+from occjax.layout.view_brightness import ViewBrightness, view_brightness
 from occjax.lightfield import LightField
 
 DECLARED = Orientation()
@@ -50,6 +51,7 @@ class ViewOrderReport:
             computed; 0 if there is no texture, or no more pixels are reliable than in noise.
         plausible: Whether the views can belong to one light field. False if they are textured but
             no view order is more consistent than the others: noise, or a wrongly split mosaic.
+        brightness: Gains of the views, and which of them are usable.
     """
 
     scores: dict[str, float]
@@ -61,6 +63,7 @@ class ViewOrderReport:
     disparity_range: tuple[float, float]
     measured_fraction: float
     plausible: bool
+    brightness: ViewBrightness
 
     @property
     def declared_range(self) -> tuple[float, float]:
@@ -105,7 +108,8 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     config = ViewOrderConfig() if config is None else config
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
-    coarse_cross = view_cross(light_field, config.coarse_size_px, config)
+    brightness = view_brightness(light_field, BrightnessConfig())
+    coarse_cross = view_cross(light_field, brightness, config.coarse_size_px, config)
     if coarse_cross.reach == 0.0:
         raise InputError(
             f"{light_field.name}: all camera positions are the same; give the true positions"
@@ -116,7 +120,7 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     coarse = CostVolumes(coarse_cross, largest)
     rough = measure_disparity(coarse, _most_consistent(_scores(coarse), config))
 
-    fine_cross = view_cross(light_field, config.fine_size_px, config)
+    fine_cross = view_cross(light_field, brightness, config.fine_size_px, config)
     sufficient = rough.reliable_fraction >= config.sufficient_fraction
     if rough.limits is not None and sufficient and fine_cross.scale < coarse_cross.scale:
         largest = min(largest, 1.25 * float(np.abs(rough.limits).max()) + coarse.step)
@@ -148,6 +152,7 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         measured_fraction=measurement.reliable_fraction,
         plausible=conclusive
         or not (all_alike and _is_no_light_field(measurement, fine.candidates[-1], config)),
+        brightness=brightness,
     )
 
 
