@@ -19,7 +19,13 @@ from occjax.evaluation import (
     evaluate_scene,
     is_scene,
 )
-from occjax.layout import Orientation, ViewOrderReport, check, declared_orientation
+from occjax.layout import (
+    Orientation,
+    ViewOrderConfig,
+    ViewOrderReport,
+    check,
+    declared_orientation,
+)
 
 
 def evaluate_command(
@@ -100,9 +106,8 @@ def check_command(
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
-    print(
-        _format_report(check(light_field), declared_orientation(view_order.order, view_order.flip))
-    )
+    report = check(light_field, ViewOrderConfig(max_disparity_px=view_order.max_disparity))
+    print(_format_report(report, declared_orientation(view_order.order, view_order.flip)))
     return 0
 
 
@@ -137,4 +142,5 @@ def _format_report(report: ViewOrderReport, declared: Orientation) -> str:
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
     lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
+    lines += report.brightness.notes
     return "\n".join(lines)

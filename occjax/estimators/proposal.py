@@ -12,9 +12,11 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
+from occjax.estimators.strips import Strips, map_strips, plan_strips
 from occjax.layout import view_brightness
-from occjax.lightfield import LightField, view_offsets
+from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.models.proposal import ProposalConfig, ProposalNet, ProposalOutput
+from occjax.models.proposal.exposure import white_level
 from occjax.view_selection import select_view_indices
 
 
@@ -68,7 +70,8 @@ class ProposalEstimator:
         if high - low > max_range:
             raise InputError(
                 f"{light_field.name}: the disparity range [{low:g}, {high:g}] is too wide; the "
-                f"model searches at most {max_range:g} pixels per view step"
+                f"model searches at most {max_range:g} pixels per view step; pass a narrower "
+                "disparity_range (--disparity-range) or smaller images"
             )
         # One more candidate on each side, so that the limits have neighbours; a multiple of four,
         # so that scenes of similar range share a compiled program.
@@ -81,8 +84,14 @@ class ProposalEstimator:
         # Only the selected views are converted: grey of all views takes time.
         indices = np.unravel_index(selected, light_field.grid)
         grey = np.stack([brightness.grey(light_field, v, u) for v, u in zip(*indices, strict=True)])
-        others = (candidates.astype(np.float32), offsets, np.array(limits, np.float32))
+        motion = max(-low, high) * float(np.abs(offsets[..., 0]).max())
+        strips = plan_strips(
+            light_field.image_size, len(selected), len(candidates), motion, self.config
+        )
+        others = (candidates.astype(np.float32), offsets, np.array(limits, np.float32), strips)
         notes = (*brightness.notes, *notes)
+        if strips is not None:
+            notes += (f"computed in {len(strips.rows)} strips of rows, to bound the memory",)
         return ModelInputs(self.variables, grey[None], others, limits, notes, selected)
 
     def run(
@@ -92,19 +101,27 @@ class ProposalEstimator:
         candidates: jax.Array,
         offsets: jax.Array,
         limits: jax.Array,
+        strips: Strips | None = None,
     ) -> dict[str, Any]:
         """Apply the network and clip the disparity to the searched range."""
         network = ProposalNet(self.config, dtype=jnp.dtype(self.precision))
-        output = network.apply(variables, views, candidates=candidates, offsets=offsets)
-        assert isinstance(output, ProposalOutput)
-        disparity = jnp.clip(output.disparity, limits[0], limits[1])
-        return {
-            "disparity": disparity,
-            "confidence": output.confidence,
-            "standard_deviation": output.standard_deviation,
-            "coarse": output.searched,
-            "stages": (output.searched, disparity),
-        }
+        white = None if strips is None else white_level(views[centre_index(views.shape[:2])])
+
+        def maps(views: jax.Array) -> dict[str, Any]:
+            output = network.apply(
+                variables, views, candidates=candidates, offsets=offsets, white=white
+            )
+            assert isinstance(output, ProposalOutput)
+            disparity = jnp.clip(output.disparity, limits[0], limits[1])
+            return {
+                "disparity": disparity,
+                "confidence": output.confidence,
+                "standard_deviation": output.standard_deviation,
+                "coarse": output.searched,
+                "stages": (output.searched, disparity),
+            }
+
+        return maps(views) if strips is None else map_strips(maps, views, strips)
 
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""

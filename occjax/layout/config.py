@@ -49,7 +49,13 @@ class ViewOrderConfig:
             vignetting.
         max_motion: Maximum motion between the centre view and the outermost compared view, as a
             fraction of the shorter image side.
-        max_disparity: Maximum disparity, in shorter image sides per view step.
+        max_disparity: Maximum disparity, in shorter image sides per view step, of the first search.
+        max_wide_disparity: The same, of a second search in the nearest views. Its result is used if
+            enough pixels need such disparities.
+        max_wide_candidates: Maximum number of disparity candidates of the second search.
+        min_fraction_beyond: Fraction of the pixels that must need disparities of the second search.
+        max_disparity_px: Maximum disparity in pixels per view step instead of these limits; None to
+            find it.
         max_candidates: Maximum number of disparity candidates.
         candidate_motion_px: Minimum motion of the outermost compared view from one candidate to the
             next, in pixels of the reduced images.
@@ -99,6 +105,10 @@ class ViewOrderConfig:
     high_pass_radius_px: int = 4
     max_motion: float = 0.2
     max_disparity: float = 0.08
+    max_wide_disparity: float = 0.4
+    max_wide_candidates: int = 129
+    min_fraction_beyond: float = 0.005
+    max_disparity_px: float | None = None
     max_candidates: int = 65
     candidate_motion_px: float = 0.5
     cost_radii_px: tuple[int, ...] = (3, 2, 1)

@@ -132,6 +132,7 @@ class CostVolumes:
         candidates: ``[d]`` disparities in pixels of the light field per view step, symmetric
             around zero: reversing a volume negates its disparity.
         step: Distance of neighbouring candidates.
+        scale: Pixels of the light field per pixel of the compared images.
         images: Number of grey differences in the cost of a pixel.
         window: Side of the square, in pixels, over which the cost is averaged.
     """
@@ -143,7 +144,7 @@ class CostVolumes:
             cross: Views to compare.
             max_disparity: Largest disparity to search, in pixels of the light field per view step.
         """
-        self.config = cross.config
+        self.config, self.scale = cross.config, cross.scale
         self.candidates = _candidates(cross, max_disparity)
         self.step = float(self.candidates[1] - self.candidates[0])
         lengths = {arm.on_row: len(arm.images) for arm in cross.arms}
