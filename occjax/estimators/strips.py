@@ -74,7 +74,7 @@ def plan_strips(
     Example:
         >>> plan_strips((512, 512), 17, 30, 20.0, ProposalConfig())
         >>> plan_strips((2000, 1500), 17, 30, 20.0, ProposalConfig()).rows.shape
-        (3, 786)
+        (4, 604)
     """
     h, w = image_size
     bytes_per_pixel = config.candidate_bytes * candidates + config.view_bytes * views
@@ -111,7 +111,8 @@ def map_strips(
         The maps ``[h, w]``.
 
     Example:
-        >>> strips = Strips(np.array([[0, 1, 2], [1, 2, 3]]), np.array([[0, 0, 1, 1], [0, 1, 1, 2]]))
+        >>> rows, places = [[0, 1, 2], [1, 2, 3]], [[0, 0, 1, 1], [0, 1, 1, 2]]
+        >>> strips = Strips(np.array(rows), np.array(places))
         >>> views = jnp.arange(8.0).reshape(1, 1, 4, 2)
         >>> map_strips(lambda part: part[0, 0], views, strips)[:, 0].tolist()
         [0.0, 2.0, 4.0, 6.0]

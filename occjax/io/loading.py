@@ -86,8 +86,8 @@ def load(
     Warns:
         ViewOrderWarning: If another view order is clearly better, none is consistent, or the ground
             truth is upside down, mirrored or has the opposite sign.
-        GridWarning: If the grid, the pattern of the names or the order of axes is guessed, or if views
-            are missing.
+        GridWarning: If the grid, the pattern of the names or the order of axes is guessed, or if
+            views are missing.
         UserWarning: If views of high dynamic range are tone-mapped.
 
     Example:

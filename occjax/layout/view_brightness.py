@@ -25,11 +25,14 @@ class ViewBrightness:
             views if they are about equally bright, and for views that are not used.
         usable: ``[V, U]`` bool, False for views that are missing or too dark to be compared.
         dark: Number of views that exist and are too dark.
+        fall_off: ``[V, U, 6]`` logarithm of the gain at each pixel relative to ``gain``, as a
+            polynomial of the image coordinates (:func:`_terms`); None if all views are uniform.
     """
 
     gain: np.ndarray
     usable: np.ndarray
     dark: int
+    fall_off: np.ndarray | None = None
 
     def grey(self, light_field: LightField, v: int, u: int) -> np.ndarray:
         """Return the ``[H, W]`` float32 grey view ``(v, u)`` at the brightness of the centre view.
@@ -37,7 +40,9 @@ class ViewBrightness:
         It is exactly :func:`occjax.lightfield.to_grey` of a view of gain 1.
         """
         image, gain = to_grey(light_field.views[v, u]), self.gain[v, u]
-        return image if gain == 1 else image / gain
+        if self.fall_off is not None:
+            gain = gain * np.exp(_terms(image.shape) @ self.fall_off[v, u])
+        return image if np.all(gain == 1) else (image / gain).astype(np.float32)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -56,7 +61,11 @@ class ViewBrightness:
                 "centre view and were not used"
             )
         gain = self.gain[self.usable]
-        if np.ptp(gain) > 0:
+        if self.fall_off is not None:
+            notes.append(
+                "the views darken towards the borders of the image and were equalised (vignetting)"
+            )
+        elif np.ptp(gain) > 0:
             notes.append(
                 f"the views have {gain.min():.0%} to {gain.max():.0%} of the brightness of the "
                 "centre view and were equalised"
@@ -69,9 +78,10 @@ def view_brightness(
 ) -> ViewBrightness:
     """Measure how bright each view is relative to the centre view.
 
-    The gain of a view is the median, over the pixels, of the ratio of low-pass filtered images. A
-    view is dark if much of it is black where the centre view is not. A light field that carries a
-    report (:func:`occjax.layout.check`) is not measured again.
+    The gain of a view is the median, over the pixels, of the ratio of low-pass filtered images. If
+    the ratio changes over the image, as that of a vignetted view, a polynomial describes it. A view
+    is dark if much of it is black where the centre view is not. A light field that carries a report
+    (:func:`occjax.layout.check`) is not measured again.
 
     Args:
         light_field: Any grid.
@@ -100,15 +110,50 @@ def view_brightness(
     if not lit.any():  # a black centre view: there is nothing to compare with
         return ViewBrightness(gain, present, dark=0)
     usable = present.copy()
+    fall_off = np.zeros((*light_field.grid, 6))
+    terms, uneven = _terms(centre.shape)[lit], 0.0
     for index in map(tuple, np.argwhere(present)):
-        if index != centre_view:
-            ratio = _low_pass(light_field.views[index], config)[lit] / centre[lit]
+        if index == centre_view:
+            continue
+        ratio = _low_pass(light_field.views[index], config)[lit] / centre[lit]
+        usable[index] = np.quantile(ratio, config.dark_fraction) > config.min_gain
+        if usable[index]:
             gain[index] = np.median(ratio)
-            usable[index] = np.quantile(ratio, config.dark_fraction) > config.min_gain
-    gain[~usable] = 1.0
+            relative = np.log(np.maximum(ratio / gain[index], config.min_gain))
+            coefficients = _robust_fit(terms, relative, config)
+            fitted = terms @ coefficients
+            # The black crescent of a clipped pupil is no polynomial: it would spoil the rest.
+            if np.abs(relative - fitted).mean() < 0.5 * np.abs(relative).mean():
+                fall_off[index] = coefficients
+                uneven = max(uneven, float(np.abs(fitted).mean()))
+    dark = int((present & ~usable).sum())
+    if uneven > config.equal_gain:
+        return ViewBrightness(gain, usable, dark, fall_off)
     if np.abs(gain - 1).max() <= config.equal_gain:
         gain = np.ones_like(gain)
-    return ViewBrightness(gain, usable, dark=int((present & ~usable).sum()))
+    return ViewBrightness(gain, usable, dark)
+
+
+def _terms(shape: tuple[int, ...]) -> np.ndarray:
+    """Return ``[h, w, 6]`` monomials up to the second degree of coordinates from -1 to 1."""
+    y, x = (np.linspace(-1, 1, size) for size in shape)
+    y, x = np.meshgrid(y, x, indexing="ij")
+    return np.stack([np.ones_like(x), y, x, y * y, x * y, x * x], axis=-1)
+
+
+def _robust_fit(terms: np.ndarray, values: np.ndarray, config: BrightnessConfig) -> np.ndarray:
+    """Return the ``[6]`` coefficients of the ``[n, 6]`` terms that fit most of ``[n]`` values.
+
+    Least squares with the weights of Cauchy: near depth edges, parallax makes the ratio of two
+    views wrong.
+    """
+    weights = np.ones_like(values)
+    for _ in range(config.fit_steps):
+        weighted = terms.T * weights
+        coefficients = np.linalg.lstsq(weighted @ terms, weighted @ values)[0]
+        residual = values - terms @ coefficients
+        weights = 1 / (1 + np.square(residual / config.equal_gain))
+    return coefficients
 
 
 def _low_pass(image: np.ndarray, config: BrightnessConfig) -> np.ndarray:
