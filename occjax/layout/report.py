@@ -13,7 +13,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.layout.config import BrightnessConfig, ViewOrderConfig
-from occjax.layout.consistency import CostVolumes, box_mean, view_cross
+from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
@@ -219,26 +219,51 @@ def _search(
     wide_config = dataclasses.replace(
         config, view_steps=config.view_steps[:1], max_candidates=config.max_wide_candidates
     )
-    cross_of_nearest = view_cross(light_field, brightness, config.coarse_size_px, wide_config)
-    wide = CostVolumes(cross_of_nearest, requested or size * config.max_wide_disparity)
-    if requested is not None or _fraction_beyond(wide, usual) > config.min_fraction_beyond:
+    nearest = view_cross(light_field, brightness, config.coarse_size_px, wide_config)
+    wide = CostVolumes(nearest, requested or size * config.max_wide_disparity)
+    if requested is not None or (
+        _fraction_beyond(wide, usual) > config.min_fraction_beyond
+        and _fraction_beyond(wide, usual, nearest) > 0.0  # takes as long again
+    ):
         return wide_config, wide
     return config, CostVolumes(cross, usual)
 
 
-def _fraction_beyond(volumes: CostVolumes, limit: float) -> float:
-    """Return the fraction of the pixels that only a disparity beyond a limit explains."""
+def _fraction_beyond(volumes: CostVolumes, limit: float, cross: Cross | None = None) -> float:
+    """Return the fraction of the pixels that only a disparity beyond a limit explains.
+
+    Args:
+        volumes: Costs of all candidates.
+        limit: Largest absolute disparity, in pixels per view step.
+        cross: If given, the result is 0 if at most of these pixels the centre view repeats its own
+            content at that distance, as a wrongly split mosaic does.
+    """
     config, candidates = volumes.config, volumes.candidates
-    costs = volumes.of(_most_consistent(_scores(volumes), config))
-    within = np.abs(candidates) <= limit + volumes.step
-    if within.all():
+    orientation = _most_consistent(_scores(volumes), config)
+    costs = volumes.of(orientation)
+    beyond = np.abs(candidates) > limit + volumes.step
+    if not beyond.any():
         return 0.0
-    disparity = candidates[~within][costs[~within].argmin(0)].astype(np.float32)
-    lowest_within, lowest_beyond = costs[within].min(0), costs[~within].min(0)
+    best = costs[beyond].argmin(0)
+    disparity = candidates[beyond][best].astype(np.float32)
+    lowest_within, lowest_beyond = costs[~beyond].min(0), costs[beyond].min(0)
     clear = lowest_beyond < config.clear_minimum * lowest_within
     textured = lowest_within > 4 * config.noise_floor
     smooth = np.abs(disparity - box_mean(disparity, 1)) <= volumes.step
-    return float((clear & textured & smooth).mean())
+    found = clear & textured & smooth
+    if cross is not None:
+        copies = [
+            dataclasses.replace(arm, images=np.stack([cross.centre] * len(arm.images)))
+            for arm in cross.arms
+        ]
+        repeated = CostVolumes(
+            dataclasses.replace(cross, arms=tuple(copies)), float(candidates[-1])
+        ).of(orientation)
+        own = np.take_along_axis(repeated[beyond], best[None], 0)[0]
+        unrepeated = own > config.clear_minimum * repeated[beyond].mean(0)
+        if unrepeated[found].mean() < 0.5:
+            return 0.0
+    return float(found.mean())
 
 
 def _scores(volumes: CostVolumes) -> dict[Orientation, float]:
