@@ -109,6 +109,9 @@ def check_command(
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
+    from occjax.layout import ViewOrderConfig
+
     declared = declared_orientation(view_order.order, view_order.flip)
-    print(format_report(check(light_field), declared))
+    report = check(light_field, ViewOrderConfig(max_disparity_px=view_order.max_disparity))
+    print(format_report(report, declared))
     return 0

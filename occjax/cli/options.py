@@ -76,6 +76,19 @@ class ViewOrderOptions:
         option("Axes of the grid that are reversed in the files: v, u or vu.", "AXES"),
     ] = ""
 
+    views: Annotated[
+        tuple[int, int] | None,
+        option("Use only so many rows and columns of views around the centre view.", "V U"),
+    ] = None
+    max_disparity: Annotated[
+        float | None,
+        option(
+            "Largest disparity to search when the range is measured, in pixels per view step. By "
+            "default up to 0.4 of the shorter side of the views.",
+            "D",
+        ),
+    ] = None
+
     def load(self, path: Path, **options) -> LightField:
         """Read a light field that is stored this way."""
         from occjax.io.loading import load

@@ -36,4 +36,5 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
     lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
+    lines += report.brightness.notes
     return "\n".join(lines)

@@ -12,6 +12,7 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
+from occjax.layout import view_brightness
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import OccCasNetConfig
 
@@ -53,7 +54,14 @@ class OccCasNetEstimator:
                 of the network, or the network needs a ground truth that is missing.
         """
         light_field, cropped = _crop(light_field, self.config.views)
-        notes = [*self.notes, *cropped]
+        brightness = view_brightness(light_field)
+        if not brightness.usable.all():
+            rows, columns = light_field.grid
+            raise InputError(
+                f"{light_field.name}: {(~brightness.usable).sum()} of its {rows}x{columns} views "
+                "are missing or dark, but the network takes all of them; use the model proposal"
+            )
+        notes = [*self.notes, *cropped, *brightness.notes]
         if light_field.positions is not None:
             notes.append("the irregular camera positions are ignored: the network assumes a grid")
         candidates = np.asarray(self.config.stages[0].candidates, np.float32)
@@ -81,8 +89,10 @@ class OccCasNetEstimator:
                 f"{light_field.name}: the network computes occlusion maps from the ground truth, "
                 "which is missing; use another model"
             )
-        others = (candidates, truth)
-        return ModelInputs(self.variables, light_field.grey(), others, (low, high), tuple(notes))
+        grey = np.empty(light_field.views.shape[:-1], np.float32)
+        for v, u in np.ndindex(*light_field.grid):
+            grey[v, u] = brightness.grey(light_field, v, u)
+        return ModelInputs(self.variables, grey, (candidates, truth), (low, high), tuple(notes))
 
     def run(
         self,

@@ -12,8 +12,11 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
-from occjax.lightfield import LightField, to_grey, view_offsets
+from occjax.estimators.strips import Strips, map_strips, plan_strips
+from occjax.layout import view_brightness
+from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.exposure import white_level
 from occjax.view_selection import select_view_indices
 
 
@@ -44,24 +47,31 @@ class ProposalEstimator:
             InputError: If there is only one view, or the range is too wide.
         """
         (low, high), notes = choose_range(light_field, disparity_range)
+        brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         irregular = light_field.positions is not None
         offsets = np.asarray(light_field.positions, np.float32) if irregular else grid_offsets
         # The arrangement refers to the places of a grid; irregular views are all used.
-        selected = select_view_indices(
-            grid_offsets.reshape(-1, 2), "all" if irregular else self.config.views
-        )
+        usable = np.flatnonzero(brightness.usable)
+        selected = usable[
+            select_view_indices(
+                grid_offsets.reshape(-1, 2)[usable], "all" if irregular else self.config.views
+            )
+        ]
+        offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:
             raise InputError(
-                f"{light_field.name}: one view has no disparity; give a grid of at least 1x2 views"
+                f"{light_field.name}: one usable view has no disparity; give a grid of at least "
+                "1x2 views"
             )
         interval = self.config.search.interval * self.config.reach / largest_offset
         max_range = self.config.max_candidates * interval
         if high - low > max_range:
             raise InputError(
                 f"{light_field.name}: the disparity range [{low:g}, {high:g}] is too wide; the "
-                f"model searches at most {max_range:g} pixels per view step"
+                f"model searches at most {max_range:g} pixels per view step; pass a narrower "
+                "disparity_range (--disparity-range) or smaller images"
             )
         # One more candidate on each side, so that the limits have neighbours; a multiple of four,
         # so that scenes of similar range share a compiled program.
@@ -72,14 +82,17 @@ class ProposalEstimator:
         if disparity_range is not None:
             limits = (low, high)
         # Only the selected views are converted: grey of all views takes time.
-        images = light_field.views.reshape(-1, *light_field.views.shape[2:])[selected]
-        grey = np.stack([to_grey(image) for image in images])[None]
-        others = (
-            candidates.astype(np.float32),
-            offsets.reshape(1, -1, 2)[:, selected],
-            np.array(limits, np.float32),
+        indices = np.unravel_index(selected, light_field.grid)
+        grey = np.stack([brightness.grey(light_field, v, u) for v, u in zip(*indices, strict=True)])
+        motion = max(-low, high) * float(np.abs(offsets[..., 0]).max())
+        strips = plan_strips(
+            light_field.image_size, len(selected), len(candidates), motion, self.config
         )
-        return ModelInputs(self.variables, grey, others, limits, notes, selected)
+        others = (candidates.astype(np.float32), offsets, np.array(limits, np.float32), strips)
+        notes = (*brightness.notes, *notes)
+        if strips is not None:
+            notes += (f"computed in {len(strips.rows)} strips of rows, to bound the memory",)
+        return ModelInputs(self.variables, grey[None], others, limits, notes, selected)
 
     def run(
         self,
@@ -88,22 +101,30 @@ class ProposalEstimator:
         candidates: jax.Array,
         offsets: jax.Array,
         limits: jax.Array,
+        strips: Strips | None = None,
     ) -> dict[str, Any]:
         """Apply the network and clip the disparity to the searched range."""
         # Only when it is traced: a kept program needs neither Flax nor the network.
         from occjax.models.proposal import ProposalNet, ProposalOutput
 
         network = ProposalNet(self.config, dtype=jnp.dtype(self.precision))
-        output = network.apply(variables, views, candidates=candidates, offsets=offsets)
-        assert isinstance(output, ProposalOutput)
-        disparity = jnp.clip(output.disparity, limits[0], limits[1])
-        return {
-            "disparity": disparity,
-            "confidence": output.confidence,
-            "standard_deviation": output.standard_deviation,
-            "coarse": output.searched,
-            "stages": (output.searched, disparity),
-        }
+        white = None if strips is None else white_level(views[centre_index(views.shape[:2])])
+
+        def maps(views: jax.Array) -> dict[str, Any]:
+            output = network.apply(
+                variables, views, candidates=candidates, offsets=offsets, white=white
+            )
+            assert isinstance(output, ProposalOutput)
+            disparity = jnp.clip(output.disparity, limits[0], limits[1])
+            return {
+                "disparity": disparity,
+                "confidence": output.confidence,
+                "standard_deviation": output.standard_deviation,
+                "coarse": output.searched,
+                "stages": (output.searched, disparity),
+            }
+
+        return maps(views) if strips is None else map_strips(maps, views, strips)
 
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""

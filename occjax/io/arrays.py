@@ -13,7 +13,7 @@ from occjax.io.axes import axis_order, axis_roles
 from occjax.io.files import decoding
 from occjax.lightfield import LightField
 
-OPTIONAL_FIELDS = ("ground_truth", "disparity_range", "positions")
+OPTIONAL_FIELDS = ("ground_truth", "disparity_range", "positions", "usable")
 """Fields of a light field that an ``.npz`` may contain in addition to ``views``."""
 
 
@@ -25,8 +25,9 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
             point in [0, 1]; a fourth channel (alpha) is dropped. An ``.npz`` stores them as
             ``views`` or as its only array. In addition to ``views`` it may contain
             ``ground_truth`` ``[H, W]`` and ``disparity_range`` ``[2]``, both in pixels per view
-            step, and ``positions`` ``[V, U, 2]``, the ``(row, column)`` of each camera in view
-            steps. The case of the names does not matter.
+            step, ``positions`` ``[V, U, 2]``, the ``(row, column)`` of each camera in view
+            steps, and ``usable`` ``[V, U]`` bool, False for views that are missing. The case of the
+            names does not matter.
         key: Name of the views in an ``.npz``, if it is not ``views``. Arrays of unknown names are
             then ignored.
 

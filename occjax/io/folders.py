@@ -23,6 +23,9 @@ from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, 
 from occjax.io.pfm import read_pfm
 from occjax.lightfield import LightField, centre_index
 
+MAX_BROKEN_FRACTION = 0.1
+"""Fraction of the images above which images that cannot be decoded are an error."""
+
 Progress = Callable[[int, int], None]
 """Called with the number of views read and the number of all views."""
 
@@ -53,11 +56,12 @@ def read_folder(
         The light field, named after the folder.
 
     Raises:
-        InputError: If views are missing, unreadable or of different sizes, or another file of the
-            layout is damaged.
+        InputError: If the views form no grid, the centre view or many others are missing or cannot
+            be read, views have different sizes, or another file of the layout is damaged.
 
     Warns:
-        GridWarning: If the grid is guessed from the number of views or from the photo-consistency.
+        GridWarning: If the grid is guessed from the number of views or from the photo-consistency,
+            or if views are missing or cannot be decoded. They are then not ``usable``.
     """
     folder = Path(folder)
     config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
@@ -71,11 +75,12 @@ def read_folder(
     positions = None
     if layout == "stanford":
         named, positions = gantry_grid(str(folder), named)
-    views = _read_views(folder, named, progress)
+    views, usable = _read_views(folder, named, progress)
     if named.other_grid and positions is None:
         other = views.reshape(*named.other_grid, *views.shape[2:])
         if most_consistent([views, other]) == 1:
             views, named = other, named.regrouped(named.other_grid)
+            usable = usable.reshape(named.grid)
     if grid is None and config is None and positions is None:
         _refuse_frames(folder, named, views)
     if named.guess is not None:
@@ -94,6 +99,7 @@ def read_folder(
         disparity_range=config.disparity_range if config else None,
         ground_truth=_read_ground_truth(folder, layout, named, views.shape[2:4]),
         positions=positions,
+        usable=None if usable.all() else usable,
         source=folder,
     )
 
@@ -138,35 +144,64 @@ def _check_range(folder: Path, disparity_range: tuple[float, float], size: int) 
         )
 
 
-def _read_views(folder: Path, named: NamedViews, progress: Progress | None) -> np.ndarray:
-    """Read ``[V, U, H, W, C]`` views in threads, since decoders release the interpreter's lock."""
-    indices = list(np.ndindex(*named.grid))
-    paths = [folder / named.matches[index].string for index in indices]
-    first = read_image(paths[0])
-    views = np.empty((*named.grid, *first.shape), first.dtype)
+def _read_views(
+    folder: Path, named: NamedViews, progress: Progress | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Read ``[V, U, H, W, C]`` views; return them with the mask ``[V, U]`` of those that are there.
+
+    They are read in threads, since decoders release the interpreter's lock. Images that cannot be
+    decoded count as missing, except the centre view. The pixels of missing views are zero.
+    """
+    paths = {index: folder / match.string for index, match in sorted(named.matches.items())}
+    reference = paths.get(centre_index(named.grid)) or next(iter(paths.values()))
+    first = read_image(reference)
+    views = np.zeros((*named.grid, *first.shape), first.dtype)
+    usable = np.zeros(named.grid, bool)
+    broken = []
+
+    def read(path: Path) -> np.ndarray | InputError:
+        try:
+            return read_image(path)
+        except InputError as error:
+            return error
+
     pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
     try:
-        for done, (index, path, image) in enumerate(
-            zip(indices, paths, pool.map(read_image, paths), strict=True), start=1
+        for done, (index, image) in enumerate(
+            zip(paths, pool.map(read, paths.values()), strict=True), start=1
         ):
-            if image.shape != first.shape or image.dtype != first.dtype:
+            if isinstance(image, InputError):
+                broken.append(image)
+            elif image.shape != first.shape or image.dtype != first.dtype:
                 raise InputError(
-                    f"{path}: is {_format(image)} but {paths[0].name} is {_format(first)}; "
-                    "all views must have the same size and type"
+                    f"{paths[index]}: is {_format(image)} but {reference.name} is "
+                    f"{_format(first)}; all views must have the same size and type"
                 )
-            views[index] = image
+            else:
+                views[index], usable[index] = image, True
             if progress is not None:
                 progress(done, len(paths))
     finally:
         pool.shutdown(cancel_futures=True)
-    return check_views(folder, tone_mapped(folder, views))
+    if len(broken) > MAX_BROKEN_FRACTION * len(paths):
+        raise broken[0]
+    for error in broken:
+        warnings.warn(f"{error}; the view is not used", GridWarning, stacklevel=3)
+    return check_views(folder, tone_mapped(folder, views)), usable
 
 
 def _refuse_frames(folder: Path, named: NamedViews, views: np.ndarray) -> None:
     """Refuse several frames of a square of numbered cameras, which look like a grid by name."""
     frames, cameras = named.grid
-    side, match = math.isqrt(cameras), named.matches[0, 0]
-    if min(frames, side) < 2 or side**2 != cameras or frames == cameras or "i" in match.groupdict():
+    side, match = math.isqrt(cameras), next(iter(named.matches.values()))
+    complete = len(named.matches) == frames * cameras
+    if (
+        not complete
+        or min(frames, side) < 2
+        or side**2 != cameras
+        or frames == cameras
+        or "i" in match.groupdict()
+    ):
         return
     if most_consistent([views, views[0].reshape(side, side, *views.shape[2:])]) == 1:
         pattern = f"{match.string[: match.start('u')]}{{i}}{match.string[match.end('u') :]}"

@@ -25,17 +25,22 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
 
     Returns:
         The views in the order of the library, and their positions ``[V, U, 2]`` float32
-        ``(row, column)`` relative to the centre view. The unit of both axes is the mean spacing of
+        ``(row, column)`` relative to the centre view. Missing views have the position of a regular
+        grid. The unit of both axes is the mean spacing of
         neighbouring cameras, as disparity has one unit for both.
 
     Raises:
         InputError: If neighbouring cameras have the same position.
     """
     rows, columns = named.grid
-    positions = np.empty((rows, columns, 2))
-    for index, match in named.matches.items():
-        down = 1.0 if match["tail"] else -1.0
-        positions[index] = down * float(match["y"]), float(match["x"])
+    measured = np.array(
+        [
+            ((1.0 if match["tail"] else -1.0) * float(match["y"]), float(match["x"]))
+            for match in named.matches.values()
+        ]
+    )
+    positions = _regular(np.array(list(named.matches)), measured, named.grid)
+    positions[tuple(np.transpose(list(named.matches)))] = measured
     matches = named.matches
     if rows > 1 and positions[-1, :, 0].mean() < positions[0, :, 0].mean():
         positions = positions[::-1]
@@ -45,6 +50,20 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
         matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
     relative = (positions - positions[centre_index(named.grid)]) / _spacing(folder, positions)
     return NamedViews(named.grid, matches), relative.astype(np.float32)
+
+
+def _regular(indices: np.ndarray, measured: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
+    """Return the ``[V, U, 2]`` positions of the regular grid closest to ``[n, 2]`` positions.
+
+    Args:
+        indices: ``[n, 2]`` index ``(v, u)`` of each measured view.
+        measured: ``[n, 2]`` its position ``(y, x)``.
+        grid: ``(V, U)``.
+    """
+    terms = np.column_stack([indices, np.ones(len(indices))])
+    coefficients = np.linalg.lstsq(terms, measured)[0]
+    everywhere = np.stack([*np.indices(grid), np.ones(grid)], axis=-1)
+    return everywhere @ coefficients
 
 
 def _spacing(folder: str, positions: np.ndarray) -> float:

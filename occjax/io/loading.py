@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 from pathlib import Path
 from typing import cast, get_args
@@ -19,7 +20,14 @@ from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, PLENOPTIC_SUFFIXES, UNSUPPORTED_SUFFIXES
 from occjax.io.layouts import FolderLayout, Layout, Mosaic
 from occjax.io.mosaics import read_mosaic
-from occjax.layout import Orientation, ViewOrderReport, check, declaration, declared_orientation
+from occjax.layout import (
+    Orientation,
+    ViewOrderConfig,
+    ViewOrderReport,
+    check,
+    declaration,
+    declared_orientation,
+)
 from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField
 
 
@@ -37,6 +45,8 @@ def load(
     flip: str = "",
     key: str | None = None,
     name: str | None = None,
+    views: tuple[int, int] | None = None,
+    max_disparity: float | None = None,
     check_orientation: bool = True,
     progress: Progress | None = None,
 ) -> LightField:
@@ -57,6 +67,9 @@ def load(
             if columns run from right to left, ``"vu"`` if both.
         key: Name of the views in an ``.npz``, HDF5 or ``.mat`` file.
         name: Name of the scene; by default the name of the file or folder.
+        views: ``(V, U)``, rows and columns of views around the centre view to keep; None for all.
+        max_disparity: Largest disparity to search when the range is measured, in pixels per view
+            step; None to find it, up to 0.4 of the shorter side of the views.
         check_orientation: Whether to measure the view order from the images, to warn if it differs
             from the declared one, and to store the measurement in ``view_order_report``.
         progress: Called with the number of views read and the number of all views.
@@ -70,7 +83,8 @@ def load(
     Warns:
         ViewOrderWarning: If another view order is clearly better, none is consistent, or the ground
             truth is upside down, mirrored or has the opposite sign.
-        GridWarning: If the grid, the pattern of the names or the order of axes is guessed.
+        GridWarning: If the grid, the pattern of the names or the order of axes is guessed, or if
+            views are missing.
         UserWarning: If views of high dynamic range are tone-mapped.
 
     Example:
@@ -86,6 +100,10 @@ def load(
         check_one_of("layout", layout, Layout)
     if grid is not None and (len(grid) != 2 or min(grid) < 1):
         raise InputError(f"grid is {grid}; it must be the positive numbers (rows, columns)")
+    if views is not None and (len(views) != 2 or min(views) < 1):
+        raise InputError(f"views is {views}; it must be the positive numbers (rows, columns)")
+    if max_disparity is not None and not 0 < max_disparity < math.inf:
+        raise InputError(f"max_disparity is {max_disparity}; it must be a positive number")
     with reading(path):
         path.stat()
     stored = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
@@ -103,10 +121,12 @@ def load(
     if order == "serpentine":
         stored = _straightened(stored)
     light_field = declared.apply(stored) if declared != Orientation() else stored
+    if views is not None:
+        light_field = light_field.central(*views)
     if name is not None:
         light_field = dataclasses.replace(light_field, name=name)
     if check_orientation and light_field.grid != (1, 1):
-        report = _check_view_order(path, light_field, declared)
+        report = _check_view_order(path, light_field, declared, max_disparity)
         light_field = dataclasses.replace(light_field, view_order_report=report)
         truth = light_field.ground_truth
         known = truth is not None and bool(np.isfinite(truth).any())
@@ -160,16 +180,19 @@ def _read(
 
 def _straightened(light_field: LightField) -> LightField:
     """Return the light field with every second row of its grid reversed."""
-    views = light_field.views.copy()
+    views, usable = light_field.views.copy(), light_field.usable
     views[1::2] = views[1::2, ::-1]
-    return dataclasses.replace(light_field, views=views)
+    if usable is not None:
+        usable = usable.copy()
+        usable[1::2] = usable[1::2, ::-1]
+    return dataclasses.replace(light_field, views=views, usable=usable)
 
 
 def _check_view_order(
-    path: Path, light_field: LightField, declared: Orientation
+    path: Path, light_field: LightField, declared: Orientation, max_disparity: float | None
 ) -> ViewOrderReport:
     """Measure the view order; warn if it differs from the declared one or none is consistent."""
-    report = check(light_field)
+    report = check(light_field, ViewOrderConfig(max_disparity_px=max_disparity))
     if not report.plausible:
         rows, columns = light_field.grid
         warnings.warn(

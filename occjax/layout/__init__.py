@@ -1,7 +1,8 @@
 """View order and disparity range, measured from photo-consistency.
 
-The modules follow the order of the data: :mod:`~occjax.layout.orientation` defines the eight view
-orders, :mod:`~occjax.layout.consistency` compares the views under each of them,
+The modules follow the order of the data: :mod:`~occjax.layout.view_brightness` finds the views that
+can be used and their gains, :mod:`~occjax.layout.orientation` defines the eight view orders,
+:mod:`~occjax.layout.consistency` compares the views under each of them,
 :mod:`~occjax.layout.disparity_range` estimates the disparities,
 :mod:`~occjax.layout.occlusion_order` determines their sign, and :mod:`~occjax.layout.report`
 combines the results.
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 from occjax.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from occjax.layout.config import ViewOrderConfig
+    from occjax.layout.config import BrightnessConfig, ViewOrderConfig
     from occjax.layout.orientation import (
         ORIENTATIONS,
         Orientation,
@@ -22,22 +23,26 @@ if TYPE_CHECKING:
         declared_orientation,
     )
     from occjax.layout.report import ViewOrderReport, check, disparity_range_of
+    from occjax.layout.view_brightness import ViewBrightness, view_brightness
 
 __all__ = [
     "ORIENTATIONS",
+    "BrightnessConfig",
     "Orientation",
+    "ViewBrightness",
     "ViewOrderConfig",
     "ViewOrderReport",
     "check",
     "declaration",
     "declared_orientation",
     "disparity_range_of",
+    "view_brightness",
 ]
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "occjax.layout.config": ("ViewOrderConfig",),
+        "occjax.layout.config": ("BrightnessConfig", "ViewOrderConfig"),
         "occjax.layout.orientation": (
             "ORIENTATIONS",
             "Orientation",
@@ -45,5 +50,6 @@ __getattr__, __dir__ = lazy_names(
             "declared_orientation",
         ),
         "occjax.layout.report": ("ViewOrderReport", "check", "disparity_range_of"),
+        "occjax.layout.view_brightness": ("ViewBrightness", "view_brightness"),
     },
 )

@@ -1,8 +1,36 @@
-"""Settings of the measurement of view order and disparity range."""
+"""Settings of the measurement of brightness, view order and disparity range."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BrightnessConfig:
+    """Settings of :func:`occjax.layout.view_brightness`.
+
+    Attributes:
+        size_px: Length of the shorter image side, in pixels, to which the views are reduced.
+        windows_per_side: Reduced image sides per radius of the local mean.
+        brightness_percentile: Percentile of the grey values of the centre view that is its
+            brightness.
+        min_grey: Grey value, relative to that brightness, above which pixels are compared.
+        min_gain: Brightness relative to the centre view below which a pixel is black.
+        dark_fraction: Fraction of black pixels above which a view is too dark.
+        equal_gain: Largest deviation of the gains from 1 that counts as equal brightness. Parallax
+            alone changes the gains of clean light fields by up to 0.03, and the mean deviation from
+            a uniform gain by 0.012.
+        fit_steps: Number of steps of the robust fit of a gain that changes over the image.
+    """
+
+    size_px: int = 128
+    windows_per_side: int = 24
+    brightness_percentile: float = 98.0
+    min_grey: float = 0.1
+    min_gain: float = 0.25
+    dark_fraction: float = 0.1
+    equal_gain: float = 0.03
+    fit_steps: int = 4
 
 
 @dataclass(frozen=True)
@@ -24,7 +52,13 @@ class ViewOrderConfig:
             vignetting.
         max_motion: Maximum motion between the centre view and the outermost compared view, as a
             fraction of the shorter image side.
-        max_disparity: Maximum disparity, in shorter image sides per view step.
+        max_disparity: Maximum disparity, in shorter image sides per view step, of the first search.
+        max_wide_disparity: The same, of a second search in the nearest views. Its result is used if
+            enough pixels need such disparities.
+        max_wide_candidates: Maximum number of disparity candidates of the second search.
+        min_fraction_beyond: Fraction of the pixels that must need disparities of the second search.
+        max_disparity_px: Maximum disparity in pixels per view step instead of these limits; None to
+            find it.
         max_candidates: Maximum number of disparity candidates.
         candidate_motion_px: Minimum motion of the outermost compared view from one candidate to the
             next, in pixels of the reduced images.
@@ -74,6 +108,10 @@ class ViewOrderConfig:
     high_pass_radius_px: int = 4
     max_motion: float = 0.2
     max_disparity: float = 0.08
+    max_wide_disparity: float = 0.4
+    max_wide_candidates: int = 129
+    min_fraction_beyond: float = 0.005
+    max_disparity_px: float | None = None
     max_candidates: int = 65
     candidate_motion_px: float = 0.5
     cost_radii_px: tuple[int, ...] = (3, 2, 1)

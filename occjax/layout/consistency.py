@@ -23,9 +23,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from occjax.errors import InputError
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.orientation import Orientation
-from occjax.lightfield import LightField, centre_index, to_grey, view_offsets
+from occjax.layout.view_brightness import ViewBrightness
+from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.programs import kept
 
 Image = TypeVar("Image", np.ndarray, Array)
@@ -73,16 +75,22 @@ class Cross:
         return max(float(np.abs(arm.offsets).max()) for arm in self.arms)
 
 
-def view_cross(light_field: LightField, size_px: int, config: ViewOrderConfig) -> Cross:
+def view_cross(
+    light_field: LightField, brightness: ViewBrightness, size_px: int, config: ViewOrderConfig
+) -> Cross:
     """Return the cross of views, reduced so that the shorter image side is at most ``size_px``.
 
     Args:
         light_field: At least two views.
+        brightness: Usable views and their gains.
         size_px: Maximum length of the shorter image side, in pixels.
         config: Settings of the measurement.
 
     Returns:
         Grey views relative to the brightness of the centre view.
+
+    Raises:
+        InputError: If no view in the row and the column of the centre view is usable.
     """
     scale = max(1, math.ceil(min(light_field.image_size) / size_px))
     rows, columns = light_field.grid
@@ -91,20 +99,27 @@ def view_cross(light_field: LightField, size_px: int, config: ViewOrderConfig) -
     offsets = view_offsets(rows, columns) if positions is None else positions
 
     def image(v: int, u: int) -> np.ndarray:
-        return _reduce(to_grey(light_field.views[v, u]), scale)
+        return _reduce(brightness.grey(light_field, v, u), scale)
 
     centre = image(v0, u0)
-    brightness = np.float32(np.percentile(centre, config.brightness_percentile)) or np.float32(1)
+    white = np.float32(np.percentile(centre, config.brightness_percentile)) or np.float32(1)
     arms = []
     for on_row, sign in ((True, -1), (True, 1), (False, -1), (False, 1)):
         steps = [sign * step for step in config.view_steps]
         indices = [(v0, u0 + step) if on_row else (v0 + step, u0) for step in steps]
         indices = [(v, u) for v, u in indices if 0 <= v < rows and 0 <= u < columns]
+        indices = [index for index in indices if brightness.usable[index]]
         if indices:
             distances = np.array([offsets[v, u, int(on_row)] for v, u in indices])
-            images = np.stack([image(v, u) / brightness for v, u in indices])
+            images = np.stack([image(v, u) / white for v, u in indices])
             arms.append(Arm(on_row, distances, images))
-    return Cross(centre / brightness, tuple(arms), scale, float(brightness), config)
+    if not arms:
+        raise InputError(
+            f"{light_field.name}: the views above, below, left and right of the centre view are "
+            "missing or dark, so nothing can be measured; pass disparity_range "
+            "(--disparity-range) and check_orientation=False"
+        )
+    return Cross(centre / white, tuple(arms), scale, float(white), config)
 
 
 class CostVolumes:
@@ -115,6 +130,7 @@ class CostVolumes:
         candidates: ``[d]`` disparities in pixels of the light field per view step, symmetric
             around zero: reversing a volume negates its disparity.
         step: Distance of neighbouring candidates.
+        scale: Pixels of the light field per pixel of the compared images.
         images: Number of grey differences in the cost of a pixel.
         window: Side of the square, in pixels, over which the cost is averaged.
     """
@@ -126,7 +142,7 @@ class CostVolumes:
             cross: Views to compare.
             max_disparity: Largest disparity to search, in pixels of the light field per view step.
         """
-        self.config = cross.config
+        self.config, self.scale = cross.config, cross.scale
         self.candidates = _candidates(cross, max_disparity)
         self.step = float(self.candidates[1] - self.candidates[0])
         lengths = {arm.on_row: len(arm.images) for arm in cross.arms}

@@ -6,16 +6,18 @@ disparity map, but a wrong one. :func:`check` detects this from the images alone
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.layout.config import ViewOrderConfig
-from occjax.layout.consistency import CostVolumes, view_cross
+from occjax.layout.config import BrightnessConfig, ViewOrderConfig
+from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
+from occjax.layout.view_brightness import ViewBrightness, view_brightness
 from occjax.lightfield import LightField
 
 DECLARED = Orientation()
@@ -50,6 +52,8 @@ class ViewOrderReport:
             computed; 0 if there is no texture, or no more pixels are reliable than in noise.
         plausible: Whether the views can belong to one light field. False if they are textured but
             no view order is more consistent than the others: noise, or a wrongly split mosaic.
+        brightness: Gains of the views, and which of them are usable.
+        max_disparity: Largest absolute disparity that was searched, in pixels per view step.
     """
 
     scores: dict[str, float]
@@ -61,6 +65,8 @@ class ViewOrderReport:
     disparity_range: tuple[float, float]
     measured_fraction: float
     plausible: bool
+    brightness: ViewBrightness
+    max_disparity: float
 
     @property
     def declared_range(self) -> tuple[float, float]:
@@ -105,20 +111,13 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     config = ViewOrderConfig() if config is None else config
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
-    coarse_cross = view_cross(light_field, config.coarse_size_px, config)
-    if coarse_cross.reach == 0.0:
-        raise InputError(
-            f"{light_field.name}: all camera positions are the same; give the true positions"
-        )
-    largest = min(light_field.image_size) * min(
-        config.max_motion / coarse_cross.reach, config.max_disparity
-    )
-    coarse = CostVolumes(coarse_cross, largest)
+    brightness = view_brightness(light_field, BrightnessConfig())
+    config, coarse = _search(light_field, brightness, config)
     rough = measure_disparity(coarse, _most_consistent(_scores(coarse), config))
-
-    fine_cross = view_cross(light_field, config.fine_size_px, config)
+    largest = float(coarse.candidates[-1])
+    fine_cross = view_cross(light_field, brightness, config.fine_size_px, config)
     sufficient = rough.reliable_fraction >= config.sufficient_fraction
-    if rough.limits is not None and sufficient and fine_cross.scale < coarse_cross.scale:
+    if rough.limits is not None and sufficient and fine_cross.scale < coarse.scale:
         largest = min(largest, 1.25 * float(np.abs(rough.limits).max()) + coarse.step)
     fine = CostVolumes(fine_cross, largest)
     scores = _scores(fine)
@@ -148,6 +147,8 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         measured_fraction=measurement.reliable_fraction,
         plausible=conclusive
         or not (all_alike and _is_no_light_field(measurement, fine.candidates[-1], config)),
+        brightness=brightness,
+        max_disparity=float(coarse.candidates[-1]),
     )
 
 
@@ -185,7 +186,84 @@ def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tu
             f"disparity range [{low:.2f}, {high:.2f}] found by photo-consistency in "
             f"{report.measured_fraction:.0%} of the pixels"
         )
+    if report.measured_fraction and max(-low, high) >= report.max_disparity:
+        note += (
+            f"; it ends where the search ended, at {report.max_disparity:.2f}; if the scene has "
+            "larger disparities, pass max_disparity (--max-disparity) to load"
+        )
     return (low, high), (note,)
+
+
+def _search(
+    light_field: LightField, brightness: ViewBrightness, config: ViewOrderConfig
+) -> tuple[ViewOrderConfig, CostVolumes]:
+    """Compare small images at all disparities, and at larger ones if many pixels need them.
+
+    For large disparities only the nearest views are compared: the others have too little in common
+    with the centre view.
+
+    Returns:
+        The settings for the final measurement, and the cost volumes.
+    """
+    size, requested = min(light_field.image_size), config.max_disparity_px
+    cross = view_cross(light_field, brightness, config.coarse_size_px, config)
+    if cross.reach == 0.0:
+        raise InputError(
+            f"{light_field.name}: all camera positions are the same; give the true positions"
+        )
+    usual = size * min(config.max_motion / cross.reach, config.max_disparity)
+    if requested is not None and requested <= usual:
+        return config, CostVolumes(cross, requested)
+    if requested is None and light_field.disparity_range is not None:
+        return config, CostVolumes(cross, usual)  # the range is not needed, only the view order
+    wide_config = dataclasses.replace(
+        config, view_steps=config.view_steps[:1], max_candidates=config.max_wide_candidates
+    )
+    nearest = view_cross(light_field, brightness, config.coarse_size_px, wide_config)
+    wide = CostVolumes(nearest, requested or size * config.max_wide_disparity)
+    if requested is not None or (
+        _fraction_beyond(wide, usual) > config.min_fraction_beyond
+        and _fraction_beyond(wide, usual, nearest) > 0.0  # takes as long again
+    ):
+        return wide_config, wide
+    return config, CostVolumes(cross, usual)
+
+
+def _fraction_beyond(volumes: CostVolumes, limit: float, cross: Cross | None = None) -> float:
+    """Return the fraction of the pixels that only a disparity beyond a limit explains.
+
+    Args:
+        volumes: Costs of all candidates.
+        limit: Largest absolute disparity, in pixels per view step.
+        cross: If given, the result is 0 if at most of these pixels the centre view repeats its own
+            content at that distance, as a wrongly split mosaic does.
+    """
+    config, candidates = volumes.config, volumes.candidates
+    orientation = _most_consistent(_scores(volumes), config)
+    costs = volumes.of(orientation)
+    beyond = np.abs(candidates) > limit + volumes.step
+    if not beyond.any():
+        return 0.0
+    best = costs[beyond].argmin(0)
+    disparity = candidates[beyond][best].astype(np.float32)
+    lowest_within, lowest_beyond = costs[~beyond].min(0), costs[beyond].min(0)
+    clear = lowest_beyond < config.clear_minimum * lowest_within
+    textured = lowest_within > 4 * config.noise_floor
+    smooth = np.abs(disparity - box_mean(disparity, 1)) <= volumes.step
+    found = clear & textured & smooth
+    if cross is not None:
+        copies = [
+            dataclasses.replace(arm, images=np.stack([cross.centre] * len(arm.images)))
+            for arm in cross.arms
+        ]
+        repeated = CostVolumes(
+            dataclasses.replace(cross, arms=tuple(copies)), float(candidates[-1])
+        ).of(orientation)
+        own = np.take_along_axis(repeated[beyond], best[None], 0)[0]
+        unrepeated = own > config.clear_minimum * repeated[beyond].mean(0)
+        if unrepeated[found].mean() < 0.5:
+            return 0.0
+    return float(found.mean())
 
 
 def _scores(volumes: CostVolumes) -> dict[Orientation, float]:

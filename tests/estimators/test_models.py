@@ -8,6 +8,7 @@ import pytest
 from occjax.errors import InputError
 from occjax.estimators import estimate, make_estimator, run_estimator
 from occjax.estimators.ranges import choose_range, notes_on_limits
+from occjax.estimators.strips import StripConfig, plan_strips
 from occjax.layout import Orientation, check
 from occjax.lightfield import LightField
 from occjax.models import preset
@@ -132,3 +133,41 @@ def test_bundled_weights_are_found_by_default_and_by_former_names():
     assert default == alias
     assert (default.name, default.weights) == ("proposal", "proposal.safetensors")
     assert make_estimator(weights="light").weights == "proposal.safetensors"
+
+
+def test_the_outermost_usable_views_are_selected(estimators):
+    """The views of the outer ring are black, those of the next one have a third of the light."""
+    light_field = plane(grid=(9, 9), size=(16, 16))
+    ring = np.abs(np.indices((9, 9)) - 4).max(0)
+    gain = np.select([ring == 4, ring == 3], [0.0, 0.4], 1.0).astype(np.float32)
+    dimmed = dataclasses.replace(light_field, views=light_field.views * gain[..., None, None, None])
+    inputs = estimators["proposal_small"].prepare(dimmed, (-1.0, 1.0))
+    used = {divmod(int(index), 9) for index in inputs.view_indices}
+    assert {(1, 1), (1, 4), (2, 4), (7, 7)} <= used
+    assert all(ring[index] < 4 for index in used)
+    assert any("32 of 81 views are too dark" in note for note in inputs.notes)
+    np.testing.assert_allclose(inputs.views.mean((0, 2, 3)), 0.5, atol=0.1)
+
+
+def test_occcasnet_refuses_unusable_views(estimators, scene):
+    usable = np.ones((3, 3), bool)
+    usable[0, 1] = False
+    with pytest.raises(InputError, match=r"1 of its 3x3 views .*; use the model proposal"):
+        estimators["tiny"].prepare(dataclasses.replace(scene, usable=usable), None)
+
+
+def test_strips_give_the_map_of_the_whole_image(monkeypatch):
+    """Each row is computed with all rows that it depends on, apart from long paths."""
+    light_field = plane(grid=(1, 3), size=(96, 40), slope=(0.003, 0.0))
+    estimator = make_estimator("photometric")
+    whole = run_estimator(estimator, light_field, disparity_range=(0.0, 2.0))
+    config = StripConfig(max_bytes=40 * 40 * 1500, context_rows=8)
+    monkeypatch.setattr(
+        "occjax.estimators.proposal.plan_strips",
+        lambda *arguments: plan_strips(*arguments, config),
+    )
+    parts = estimator.prepare(light_field, (0.0, 2.0)).others[-1]
+    assert len(parts.rows) > 1
+    result = run_estimator(estimator, light_field, disparity_range=(0.0, 2.0))
+    assert any("strips of rows" in note for note in result.notes)
+    np.testing.assert_allclose(result.disparity, whole.disparity, atol=0.02)

@@ -52,7 +52,7 @@ def remove(folder, *indices):
     [
         (
             lambda f: remove(f, (1, 1), (0, 2)),
-            ["2 of the 3x3 views are missing (input_Cam002.png, input_Cam004.png); add them"],
+            ["2 of the 3x3 views are missing", "the centre view input_Cam004.png", "add it"],
         ),
         (lambda f: remove(f, (2, 2)), ["boxes", "8 views", "input_Cam007.png", "--grid"]),
         (
@@ -120,7 +120,7 @@ def test_wrong_camera_parameters(tmp_path, old, new, words):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"grid": (4, 4)}, ["boxes", "input_Cam009.png", "7 of the 4x4"]),
+        ({"grid": (4, 4)}, ["boxes", "input_Cam010.png", "7 of the 4x4"]),
         ({"grid": (2, 2)}, ["input_Cam008.png", "2x2 grid"]),
         ({"grid": (0, 3)}, ["grid is (0, 3)"]),
         ({"pattern": "input_{u}.png"}, ["{v} and {u}"]),
@@ -141,13 +141,13 @@ def test_options_that_do_not_fit_the_folder(tmp_path, options, words):
         (lambda v, u: f"{'pqrstuvwx'[v] * 2}.png", None, ["pp.png", "--pattern"]),
         (
             lambda v, u: f"x_{v + 1:02d}_{u + 1:02d}.png",
-            "x_02_03.png",
-            ["1 of the 3x3 views is missing (x_02_03.png); add it"],
+            "x_02_02.png",
+            ["1 of the 3x3 views is missing", "the centre view x_02_02.png"],
         ),
         (
             lambda v, u: f"out_{v:02d}_{u:02d}_{v}.0_{u}.0_.png",
-            "out_01_00_1.0_0.0_.png",
-            ["out_01_00_..."],
+            "out_01_01_1.0_1.0_.png",
+            ["out_01_01_..."],
         ),
         (lambda v, u: f"out_{v:02d}_{u:02d}_5.0_7.0_.png", None, ["have the same position"]),
         (lambda v, u: f"out_{v:02d}_{u:02d}_{v}.0_7.0_.png", None, ["have the same position"]),
@@ -278,7 +278,7 @@ def test_files_that_are_no_light_field(tmp_path, name, write, words):
 
 
 @pytest.mark.parametrize(
-    ("function", "named"), [("os.scandir", "boxes"), ("pathlib.Path.read_bytes", hci(0, 0))]
+    ("function", "named"), [("os.scandir", "boxes"), ("pathlib.Path.read_bytes", hci(1, 1))]
 )
 def test_missing_permissions(tmp_path, monkeypatch, function, named):
     """The operating system is replaced, since the superuser may read everything."""

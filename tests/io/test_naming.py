@@ -6,11 +6,18 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.io import GridWarning, load, read_pfm
+from occjax.io.arrays import write_arrays
 from occjax.io.naming.proposals import propose_patterns
+from occjax.lightfield import LightField
 from tests.io.files import save_views
 from tests.io.scenes import two_planes
 
 LETTERS = "abcde"
+
+
+def hci(v, u):
+    """File name of view ``(v, u)`` of 5x5."""
+    return f"input_Cam{5 * v + u:03d}.png"
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +142,72 @@ def test_no_advice_repeats_what_was_passed(tmp_path, views):
     folder = save_views(tmp_path, views, lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png")
     with pytest.raises(InputError, match="show 5x5 views, not 4x4; leave out grid"):
         load_unchecked(folder, grid=(4, 4))
-    (folder / "s_03_04.png").unlink()
-    with pytest.raises(InputError, match=r"views is missing \(s_03_04\.png\); add it") as error:
+    with pytest.raises(InputError, match=r"5x5 views; on which side.* unknown; leave out grid"):
+        load_unchecked(folder, grid=(6, 5))
+    assert load_unchecked(folder).grid == (5, 5)
+
+
+ROUND = np.hypot(*(np.indices((5, 5)) - 2)) < 2.5
+"""Views of a round aperture: without the four corners."""
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        (lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png", {}),
+        (lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png", {"grid": (5, 5)}),
+        (hci, {}),
+        (lambda v, u: f"{5 * v + u + 1:02d}.png", {"pattern": "{i}.png"}),
+        (lambda v, u: f"{5 * v + u:02d}.png", {"pattern": "{i}.png", "grid": (5, 5)}),
+        (lambda v, u: f"out_{v:02d}_{u:02d}_{7.5 * v}_{7.5 * u}_.png", {}),
+    ],
+)
+def test_missing_views_are_named_and_not_usable(tmp_path, views, name, options):
+    folder = save_views(tmp_path, views, name)
+    for v, u in np.argwhere(~ROUND):
+        (folder / name(v, u)).unlink()
+    with pytest.warns(
+        GridWarning, match=r"4 of the 5x5 views are missing \(.*\) and not"
+    ) as warned:
+        loaded = load_unchecked(folder, **options)
+    assert name(4, 4)[:10] in str(warned[0].message)
+    np.testing.assert_array_equal(loaded.usable, ROUND)
+    np.testing.assert_array_equal(loaded.views, np.where(ROUND[..., None, None, None], views, 0))
+    if loaded.positions is not None:
+        np.testing.assert_allclose(loaded.positions, np.moveaxis(np.indices((5, 5)) - 2, 0, -1))
+
+
+def test_missing_outer_rows_need_a_grid_to_count(tmp_path, views):
+    """The names of 5x3 views from column 2 to 4 are those of a 5x5 grid without two columns."""
+    folder = save_views(tmp_path, views[:, 1:4], lambda v, u: f"s_{v + 1:02d}_{u + 2:02d}.png")
+    assert load_unchecked(folder).usable is None
+    with pytest.warns(GridWarning, match="10 of the 5x5 views are missing"):
+        usable = load_unchecked(folder, grid=(5, 5)).usable
+    assert usable.any(0).tolist() == [False, True, True, True, False]
+
+
+def test_a_missing_centre_view_is_refused(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png")
+    (folder / "s_03_03.png").unlink()
+    with pytest.raises(InputError, match=r"1 of the 5x5 .* the centre view s_03_03\.png"):
         load_unchecked(folder)
-    assert "--grid" not in str(error.value)
+
+
+def test_a_stray_file_makes_no_grid(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png")
+    (folder / "s_01_01.png").rename(folder / "s_90_01.png")
+    with pytest.raises(InputError, match="most rows have none"):
+        load_unchecked(folder)
+
+
+def test_an_image_that_cannot_be_decoded_is_a_missing_view(tmp_path, views):
+    folder = save_views(tmp_path, views, hci)
+    (folder / hci(0, 0)).write_bytes(b"")
+    with pytest.warns(GridWarning, match="input_Cam000.png: .* the view is not used"):
+        loaded = load_unchecked(folder, grid=(5, 5))
+    assert np.argwhere(~loaded.usable).tolist() == [[0, 0]]
+
+
+def test_usable_views_are_stored(tmp_path, views):
+    write_arrays(tmp_path / "scene.npz", LightField(views, usable=ROUND))
+    np.testing.assert_array_equal(load_unchecked(tmp_path / "scene.npz").usable, ROUND)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from occjax.layout import ORIENTATIONS, ViewOrderConfig
+from occjax.layout import ORIENTATIONS, ViewOrderConfig, view_brightness
 from occjax.layout.consistency import CostVolumes, box_mean, view_cross
 from occjax.lightfield import LightField, project
 from tests.io.scenes import two_planes
@@ -43,7 +43,8 @@ def test_box_mean_is_the_mean_of_each_window(radius, tolerance):
 @pytest.mark.parametrize("grid", [(5, 5), (3, 4), (1, 3)])
 def test_costs_are_those_of_the_views_in_the_corrected_view_order(grid, tolerance):
     """A view that is at (v, u) view steps after the correction is read at p - d (v, u)."""
-    cross = view_cross(LightField(two_planes(grid, (24, 20))[0]), 256, CONFIG)
+    light_field = LightField(two_planes(grid, (24, 20))[0])
+    cross = view_cross(light_field, view_brightness(light_field), 256, CONFIG)
     volumes = CostVolumes(cross, 2.0)
     disparity = volumes.candidates[1]
     pixels = np.mgrid[:24, :20].astype(float)

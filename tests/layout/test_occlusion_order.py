@@ -5,6 +5,7 @@ from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import box_mean, view_cross
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import Orientation
+from occjax.layout.view_brightness import view_brightness
 from occjax.lightfield import LightField
 from tests.io.scenes import two_planes
 
@@ -12,7 +13,9 @@ from tests.io.scenes import two_planes
 @pytest.fixture(scope="module")
 def scene():
     views, disparity = two_planes()
-    return view_cross(LightField(views), 256, ViewOrderConfig()), disparity
+    light_field = LightField(views)
+    cross = view_cross(light_field, view_brightness(light_field), 256, ViewOrderConfig())
+    return cross, disparity
 
 
 @pytest.mark.parametrize("spread", [0, 2, 3])

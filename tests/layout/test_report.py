@@ -286,3 +286,22 @@ def test_a_report_is_measured_once_and_belongs_to_its_views(tmp_path, scene):
     assert loaded.central(3, 3).view_order_report is None
     assert Orientation(swap=True).apply(loaded).view_order_report is None
     assert load(tmp_path / "scene.npy", check_orientation=False).view_order_report is None
+
+
+def test_disparities_beyond_the_first_search_are_found():
+    """The first search in views of 120 pixels ends at 9.6 pixels per view step."""
+    views, _ = two_planes((3, 3), (120, 140), far=3.0, near=18.0)
+    report = check(LightField(views))
+    low, high = report.disparity_range
+    assert low <= 3.0
+    assert 18.0 <= high < 25.0
+    assert report.max_disparity == pytest.approx(48.0, abs=2.0)
+
+
+def test_a_search_that_ends_before_the_scene_says_so():
+    views, _ = two_planes((3, 3), (120, 140), far=7.0, near=18.0)
+    report = check(LightField(views), ViewOrderConfig(max_disparity_px=7.0))
+    light_field = LightField(views, view_order_report=report)
+    _, (note,) = disparity_range_of(light_field)
+    assert "where the search ended" in note
+    assert "--max-disparity" in note

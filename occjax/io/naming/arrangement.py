@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from occjax.errors import InputError
-from occjax.io.naming.patterns import index_value, renamed
+from occjax.io.naming.patterns import NAMES, index_value, renamed
+from occjax.lightfield import centre_index
 
 BENCHMARK_VIEWS = 81
 """Number of views of the benchmarks, which is taken as a 9x9 grid without a warning."""
 
 MIN_COMPLETE_FRACTION = 0.5
-"""Smallest fraction of the numbers from which gaps count as missing views."""
+"""Smallest fraction of the numbers, and of the rows and columns, from which gaps count as missing
+views."""
+
+MIN_ROUND_FRACTION = 0.7
+"""Smallest fraction of a square grid that a round aperture fills; that of a circle is 0.79."""
 
 
 class GridWarning(UserWarning):
-    """The grid of views was guessed from their number or their names."""
+    """The grid of views was guessed from their number or their names, or views are missing."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +36,7 @@ class NamedViews:
 
     Attributes:
         grid: ``(V, U)``.
-        matches: Matched file name of each view, by its index ``(v, u)`` from zero.
+        matches: Matched file name of each view that is there, by its index ``(v, u)`` from zero.
         other_grid: ``(V, U)`` of a second reading of the names, row by row in the same order: one
             row of views may also be a square whose views are numbered. None if there is only one.
         guess: If the grid was guessed from the number of views, how they are ordered; else None.
@@ -49,7 +59,8 @@ def arrange_by_number(
 ) -> NamedViews:
     """Arrange views that are numbered row by row.
 
-    Numbers start at 0 or 1, or at any number if no view is missing. Numbers with gaps count in
+    Numbers start at 0 or 1, or at any number if no view is missing. If views are missing at both
+    ends, as in a round aperture, they are taken to be equally many. Numbers with gaps count in
     their order if they are as many as the grid has views.
 
     Args:
@@ -58,17 +69,23 @@ def arrange_by_number(
         grid: ``(V, U)``; None for a square.
 
     Raises:
-        InputError: If views are missing or there are too many.
+        InputError: If the number of views fits no grid, or the centre view is missing.
+
+    Warns:
+        GridWarning: If views are missing.
     """
     by_number = _by_key(folder, [(index_value(match["i"]), match) for match in matches])
     numbers, present = sorted(by_number), len(by_number)
     consecutive = numbers[-1] - numbers[0] + 1 == present
     fits = present == grid[0] * grid[1] if grid else _is_square(present)
-    starts_late = numbers[0] == 1 or numbers[0] > present
+    # Only the HCI format is known to count from 0, so that its first view can be missing.
+    counts_from_0 = matches[0].re is NAMES["hci"]
+    starts_late = not counts_from_0 and (numbers[0] == 1 or numbers[0] > present)
     first = numbers[0] if (consecutive and fits) or starts_late else 0
     count = numbers[-1] - first + 1
     has_gaps = not _is_square(count) or present < MIN_COMPLETE_FRACTION * count
-    if fits and (grid or consecutive or has_gaps):
+    symmetric = [base for base in (0, 1) if _is_symmetric(numbers, base, grid)]
+    if fits and (grid or consecutive or (has_gaps and not symmetric)):
         rows, columns = grid or (math.isqrt(present),) * 2
         certain = grid is not None or (consecutive and present in (1, BENCHMARK_VIEWS))
         gaps = "" if consecutive else " in the order of their numbers, which have gaps"
@@ -79,10 +96,13 @@ def arrange_by_number(
             other_grid=None if certain else (1, present),
             guess=None if certain else gaps,
         )
-    if grid is None and has_gaps:
+    if symmetric:
+        first = symmetric[0]
+        count = numbers[0] + numbers[-1] + 1 - 2 * first
+    elif grid is None and has_gaps:
         raise InputError(
             f"{folder}: {present} views up to {by_number[numbers[-1]].string!r} do not form a "
-            "square grid; add the missing ones or pass grid (--grid V U)"
+            "square grid; pass the grid with the missing views (--grid V U), or add them"
         )
     rows, columns = grid or (math.isqrt(count),) * 2
     if count > rows * columns:
@@ -90,10 +110,12 @@ def arrange_by_number(
             f"{folder}: {by_number[numbers[-1]].string!r} is beyond the {rows}x{columns} grid; "
             f"pass a grid of {present} views (--grid V U) or add the missing ones"
         )
-    missing = [n for n in range(first, first + rows * columns) if n not in by_number]
-    refuse_missing(folder, (rows, columns), [renamed(matches[0], {"i": n}) for n in missing])
-    return NamedViews(
-        (rows, columns), {divmod(n - first, columns): match for n, match in by_number.items()}
+    return _incomplete(
+        folder,
+        NamedViews(
+            (rows, columns), {divmod(n - first, columns): match for n, match in by_number.items()}
+        ),
+        lambda v, u: {"i": first + v * columns + u},
     )
 
 
@@ -103,7 +125,8 @@ def arrange_by_row_and_column(
     """Arrange views that are named by row and column, starting from any row and column.
 
     A given grid that has as many views as the names, which show one row or one column, is obeyed:
-    the other index is then a frame number.
+    the other index is then a frame number. Rows or columns that a given grid has in addition to
+    the names are missing; there must be equally many on both sides.
 
     Args:
         folder: Name of the folder, for messages.
@@ -111,46 +134,83 @@ def arrange_by_row_and_column(
         grid: ``(V, U)``; None to take it from the names.
 
     Raises:
-        InputError: If views are missing or the names show another grid.
+        InputError: If the names show another grid or none, or the centre view is missing.
+
+    Warns:
+        GridWarning: If views are missing.
     """
     indices = [(index_value(match["v"]), index_value(match["u"])) for match in matches]
     by_index = _by_key(folder, list(zip(indices, matches, strict=True)))
     rows, columns = (_places(sorted(set(values))) for values in zip(*by_index, strict=True))
     found = (len(rows), len(columns))
-    missing = [index for v in rows for u in columns if (index := (v, u)) not in by_index]
-    if grid is None or tuple(grid) == found:
-        refuse_missing(folder, found, [renamed(matches[0], {"v": v, "u": u}) for v, u in missing])
-        side = math.isqrt(len(by_index))
-        ambiguous = 1 in found and side > 1 and side**2 == len(by_index) and grid is None
-        placed = {(rows.index(v), columns.index(u)): match for (v, u), match in by_index.items()}
-        return NamedViews(found, placed, (side, side) if ambiguous else None)
-    if 1 in found and not missing and math.prod(grid) == len(by_index):
+    one_line = 1 in found and math.prod(found) == len(by_index)
+    if grid is not None and one_line and grid != found and math.prod(grid) == len(by_index):
         return NamedViews(found, by_index).regrouped(grid)
-    if found[0] > grid[0] or found[1] > grid[1]:
+    if grid is not None and (found[0] > grid[0] or found[1] > grid[1]):
         raise InputError(
             f"{folder}: the names show {found[0]}x{found[1]} views, not {grid[0]}x{grid[1]}; "
             "leave out grid, or move the other views to another folder"
         )
-    expected = [(rows[0] + v, columns[0] + u) for v in range(grid[0]) for u in range(grid[1])]
-    absent = [index for index in expected if index not in by_index]
-    refuse_missing(folder, grid, [renamed(matches[0], {"v": v, "u": u}) for v, u in absent])
-    raise InputError(f"{folder}: the names do not form a {grid[0]}x{grid[1]} grid; leave out grid")
+    margins = (0, 0) if grid is None else (grid[0] - found[0], grid[1] - found[1])
+    if any(margin % 2 for margin in margins):
+        raise InputError(
+            f"{folder}: the names show {found[0]}x{found[1]} views; on which side of the "
+            f"{margins} missing rows and columns they are is unknown; leave out grid"
+        )
+    rows, columns = (
+        _extended(places, margin // 2)
+        for places, margin in zip((rows, columns), margins, strict=True)
+    )
+    placed = {(rows.index(v), columns.index(u)): match for (v, u), match in by_index.items()}
+    named = NamedViews((len(rows), len(columns)), placed)
+    for axis, places in enumerate((rows, columns)):
+        filled = len({index[axis] for index in placed})
+        if filled < MIN_COMPLETE_FRACTION * len(places):
+            raise InputError(
+                f"{folder}: the names show {named.grid[0]}x{named.grid[1]} views, but most "
+                f"{('rows', 'columns')[axis]} have none; name one grid only, or pass pattern "
+                "(--pattern)"
+            )
+    if len(placed) == math.prod(named.grid):
+        side = math.isqrt(len(placed))
+        ambiguous = 1 in found and side > 1 and side**2 == len(placed) and grid is None
+        return dataclasses.replace(named, other_grid=(side, side) if ambiguous else None)
+    return _incomplete(folder, named, lambda v, u: {"v": rows[v], "u": columns[u]})
 
 
-def refuse_missing(folder: str, grid: tuple[int, int], missing: list[str]) -> None:
-    """Raise an error that names the missing views.
+def _incomplete(
+    folder: str, named: NamedViews, fields: Callable[[int, int], dict[str, int]]
+) -> NamedViews:
+    """Warn of the missing views of a grid, and refuse a grid without its centre view.
 
     Args:
         folder: Name of the folder.
-        grid: ``(V, U)`` with the missing views.
-        missing: File names that they would have; no error if empty.
+        named: Views that are there.
+        fields: Function that returns the indices in the file name of a view ``(v, u)``.
     """
-    if missing:
-        are, them = ("is", "it") if len(missing) == 1 else ("are", "them")
+    sample = next(iter(named.matches.values()))
+    missing = {
+        index: renamed(sample, fields(*index))
+        for index in np.ndindex(*named.grid)
+        if index not in named.matches
+    }
+    if not missing:
+        return named
+    are = "is" if len(missing) == 1 else "are"
+    shape = f"{named.grid[0]}x{named.grid[1]}"
+    if (centre := missing.get(centre_index(named.grid))) is not None:
         raise InputError(
-            f"{folder}: {len(missing)} of the {grid[0]}x{grid[1]} views {are} missing "
-            f"({first_few(missing)}); add {them}, or move a complete smaller grid to another folder"
+            f"{folder}: {len(missing)} of the {shape} views {are} missing, among them the centre "
+            f"view {centre}, for which disparity is estimated; add it, or move an outer row or "
+            "column to another folder, so that another view is the centre"
         )
+    warnings.warn(
+        f"{folder}: {len(missing)} of the {shape} views {are} missing "
+        f"({first_few(list(missing.values()))}) and not used",
+        GridWarning,
+        stacklevel=5,
+    )
+    return named
 
 
 def first_few(names: list[str]) -> str:
@@ -165,8 +225,30 @@ def _places(indices: list[int]) -> list[int]:
     return regular if regular == indices else list(range(indices[0], indices[-1] + 1))
 
 
+def _extended(places: list[int], margin: int) -> list[int]:
+    """Return row or column numbers with as many more on both sides."""
+    step = places[1] - places[0] if len(places) > 1 else 1
+    return list(range(places[0] - margin * step, places[-1] + (margin + 1) * step, step))
+
+
 def _is_square(count: int) -> bool:
     return math.isqrt(count) ** 2 == count
+
+
+def _is_symmetric(numbers: list[int], base: int, grid: tuple[int, int] | None) -> bool:
+    """Return whether as many numbers of a grid are missing at the start as at the end.
+
+    Args:
+        numbers: Numbers of the views, ascending.
+        base: Number of the first view of the grid.
+        grid: ``(V, U)``; None for any square that the views fill like a round aperture.
+    """
+    count = numbers[0] + numbers[-1] + 1 - 2 * base
+    if numbers[0] <= base:
+        return False
+    if grid is not None:
+        return count == math.prod(grid)
+    return _is_square(count) and len(numbers) >= MIN_ROUND_FRACTION * count
 
 
 def _by_key(folder: str, keyed: list[tuple]) -> dict:

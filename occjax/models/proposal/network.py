@@ -101,6 +101,7 @@ class ProposalNet(nn.Module):
         *,
         candidates: Float[Array, " d"] | None = None,
         offsets: Float[Array, "v u 2"] | None = None,
+        white: Float[Array, ""] | None = None,
     ) -> ProposalOutput:
         """Estimate the disparity of the centre view.
 
@@ -111,6 +112,8 @@ class ProposalNet(nn.Module):
                 configured reach.
             offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a
                 regular grid by default.
+            white: Grey level that counts as white, for a part of a larger image; by default that of
+                the centre view.
 
         Returns:
             Disparity, the results of the steps before it, and the confidence.
@@ -120,7 +123,7 @@ class ProposalNet(nn.Module):
         """
         height, width = views.shape[2:]
         grey, candidates, scale = self.normalise(
-            views, candidates, offsets, multiple=self.config.size_multiple
+            views, candidates, offsets, multiple=self.config.size_multiple, white=white
         )
         searched, coarse, refined = self.search_and_refine(grey, candidates)
         at_search = confidence(searched.probabilities, candidates)
@@ -202,6 +205,7 @@ class ProposalNet(nn.Module):
         offsets: Float[Array, "v u 2"] | None,
         *,
         multiple: int,
+        white: Float[Array, ""] | None = None,
     ) -> tuple[GreyViews, Float[Array, " d"], Float[Array, ""]]:
         """Scale brightness to the configured white and offsets to the configured reach.
 
@@ -212,6 +216,7 @@ class ProposalNet(nn.Module):
             candidates: ``[d]`` disparities, or None for the default range.
             offsets: ``[v, u, 2]`` offset of each view, or None for a regular grid.
             multiple: Number of pixels that height and width are padded to a multiple of.
+            white: Grey level that counts as white; None for that of the centre view.
 
         Returns:
             Padded views, candidates at the configured reach, and the factor of the disparities.
@@ -232,7 +237,7 @@ class ProposalNet(nn.Module):
             if len(candidates) < 3:
                 raise InputError(f"candidates must be at least 3, not {len(candidates)}")
             candidates = as_coordinates(candidates)[0] * scale
-        white = white_level(views[centre_index((v, u))])
+        white = white_level(views[centre_index((v, u))]) if white is None else white
         grey = views * (self.config.exposure.white / white)
         below, right = (-size % multiple for size in (h, w))
         grey = jnp.pad(grey, ((0, 0), (0, 0), (0, below), (0, right)), mode="edge")

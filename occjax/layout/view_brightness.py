@@ -1,0 +1,164 @@
+"""Brightness of each view, which says what a view can be used for.
+
+The outer views of a plenoptic camera fade to black, since its main lens and its microlenses are
+round. Cameras of an array differ in exposure. Views with signal left are divided by their gain, so
+that one grey difference means the same in all views; views without are not used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from occjax.layout.config import BrightnessConfig
+from occjax.lightfield import LightField, centre_index, to_grey
+
+
+@dataclass(frozen=True, eq=False)
+class ViewBrightness:
+    """Brightness of the views relative to the centre view.
+
+    Attributes:
+        gain: ``[V, U]`` float32 factor by which a view is brighter than the centre view; 1 for all
+            views if they are about equally bright, and for views that are not used.
+        usable: ``[V, U]`` bool, False for views that are missing or too dark to be compared.
+        dark: Number of views that exist and are too dark.
+        fall_off: ``[V, U, 6]`` logarithm of the gain at each pixel relative to ``gain``, as a
+            polynomial of the image coordinates (:func:`_terms`); None if all views are uniform.
+    """
+
+    gain: np.ndarray
+    usable: np.ndarray
+    dark: int
+    fall_off: np.ndarray | None = None
+
+    def grey(self, light_field: LightField, v: int, u: int) -> np.ndarray:
+        """Return the ``[H, W]`` float32 grey view ``(v, u)`` at the brightness of the centre view.
+
+        It is exactly :func:`occjax.lightfield.to_grey` of a view of gain 1.
+        """
+        image, gain = to_grey(light_field.views[v, u]), self.gain[v, u]
+        if self.fall_off is not None:
+            gain = gain * np.exp(_terms(image.shape) @ self.fall_off[v, u])
+        return image if np.all(gain == 1) else (image / gain).astype(np.float32)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Messages for the user on views that are not used or equalised; empty if there are none.
+
+        Example:
+            >>> views = np.full((1, 3, 16, 16, 1), 200, np.uint8)
+            >>> views[0, 2] = 100
+            >>> view_brightness(LightField(views)).notes
+            ('the views have 50% to 100% of the brightness of the centre view and were equalised',)
+        """
+        notes = []
+        if self.dark:
+            notes.append(
+                f"{self.dark} of {self.usable.size} views are too dark to be compared with the "
+                "centre view and were not used"
+            )
+        gain = self.gain[self.usable]
+        if self.fall_off is not None:
+            notes.append(
+                "the views darken towards the borders of the image and were equalised (vignetting)"
+            )
+        elif np.ptp(gain) > 0:
+            notes.append(
+                f"the views have {gain.min():.0%} to {gain.max():.0%} of the brightness of the "
+                "centre view and were equalised"
+            )
+        return tuple(notes)
+
+
+def view_brightness(
+    light_field: LightField, config: BrightnessConfig | None = None
+) -> ViewBrightness:
+    """Measure how bright each view is relative to the centre view.
+
+    The gain of a view is the median, over the pixels, of the ratio of low-pass filtered images. If
+    the ratio changes over the image, as that of a vignetted view, a polynomial describes it. A view
+    is dark if much of it is black where the centre view is not. A light field that carries a report
+    (:func:`occjax.layout.check`) is not measured again.
+
+    Args:
+        light_field: Any grid.
+        config: Settings of a new measurement; None for the stored measurement, or the default
+            settings if there is none.
+
+    Returns:
+        Gains and usable views.
+
+    Example:
+        >>> views = np.full((1, 5, 16, 16, 1), 200, np.uint8)
+        >>> views[0, 0], views[0, 3] = 0, 150
+        >>> brightness = view_brightness(LightField(views))
+        >>> brightness.usable.tolist(), brightness.gain.tolist()
+        ([[False, True, True, True, True]], [[1.0, 1.0, 1.0, 0.75, 1.0]])
+    """
+    if config is None and light_field.view_order_report is not None:
+        return light_field.view_order_report.brightness
+    config = BrightnessConfig() if config is None else config
+    present = light_field.usable
+    present = np.ones(light_field.grid, bool) if present is None else present
+    centre_view = centre_index(light_field.grid)
+    centre = _low_pass(light_field.centre, config)
+    lit = centre > config.min_grey * np.percentile(centre, config.brightness_percentile)
+    gain = np.ones(light_field.grid, np.float32)
+    if not lit.any():  # a black centre view: there is nothing to compare with
+        return ViewBrightness(gain, present, dark=0)
+    usable = present.copy()
+    fall_off = np.zeros((*light_field.grid, 6))
+    terms, uneven = _terms(centre.shape)[lit], 0.0
+    for index in map(tuple, np.argwhere(present)):
+        if index == centre_view:
+            continue
+        ratio = _low_pass(light_field.views[index], config)[lit] / centre[lit]
+        usable[index] = np.quantile(ratio, config.dark_fraction) > config.min_gain
+        if usable[index]:
+            gain[index] = np.median(ratio)
+            relative = np.log(np.maximum(ratio / gain[index], config.min_gain))
+            coefficients = _robust_fit(terms, relative, config)
+            fitted = terms @ coefficients
+            # The black crescent of a clipped pupil is no polynomial: it would spoil the rest.
+            if np.abs(relative - fitted).mean() < 0.5 * np.abs(relative).mean():
+                fall_off[index] = coefficients
+                uneven = max(uneven, float(np.abs(fitted).mean()))
+    dark = int((present & ~usable).sum())
+    if uneven > config.equal_gain:
+        return ViewBrightness(gain, usable, dark, fall_off)
+    if np.abs(gain - 1).max() <= config.equal_gain:
+        gain = np.ones_like(gain)
+    return ViewBrightness(gain, usable, dark)
+
+
+def _terms(shape: tuple[int, ...]) -> np.ndarray:
+    """Return ``[h, w, 6]`` monomials up to the second degree of coordinates from -1 to 1."""
+    y, x = (np.linspace(-1, 1, size) for size in shape)
+    y, x = np.meshgrid(y, x, indexing="ij")
+    return np.stack([np.ones_like(x), y, x, y * y, x * y, x * x], axis=-1)
+
+
+def _robust_fit(terms: np.ndarray, values: np.ndarray, config: BrightnessConfig) -> np.ndarray:
+    """Return the ``[6]`` coefficients of the ``[n, 6]`` terms that fit most of ``[n]`` values.
+
+    Least squares with the weights of Cauchy: near depth edges, parallax makes the ratio of two
+    views wrong.
+    """
+    weights = np.ones_like(values)
+    for _ in range(config.fit_steps):
+        weighted = terms.T * weights
+        coefficients = np.linalg.lstsq(weighted @ terms, weighted @ values)[0]
+        residual = values - terms @ coefficients
+        weights = 1 / (1 + np.square(residual / config.equal_gain))
+    return coefficients
+
+
+def _low_pass(image: np.ndarray, config: BrightnessConfig) -> np.ndarray:
+    """Return the local mean of grey, reduced to about ``config.size_px`` by leaving out pixels."""
+    step = max(1, min(image.shape[:2]) // config.size_px)
+    grey = to_grey(image[::step, ::step])
+    radius = min(grey.shape) // config.windows_per_side
+    return uniform_filter(grey, 2 * radius + 1, mode="nearest")
