@@ -180,6 +180,8 @@ class LightField:
         positions: ``[V, U, 2]`` float32 camera positions ``(row, column)`` of an irregular (gantry)
             grid, in steps of the mean spacing, relative to the centre view; None for a regular
             grid.
+        usable: ``[V, U]`` bool, False for views that are missing or too dark to be compared with
+            the centre view; None if all can be used. The centre view must be usable.
         source: Where the light field was read from.
         view_order_report: Measurement of the view order and the disparity range, if it was made.
             Set it to None when you replace the views.
@@ -191,6 +193,7 @@ class LightField:
     disparity_range: tuple[float, float] | None = None
     ground_truth: np.ndarray | None = None
     positions: np.ndarray | None = None
+    usable: np.ndarray | None = None
     source: Path | None = None
     view_order_report: Any = None
 
@@ -214,6 +217,8 @@ class LightField:
             raise InputError(
                 f"{self.name}: positions are {list(self.positions.shape)}, not [V, U, 2]"
             )
+        if self.usable is not None:
+            self._check_usable(self.usable)
         low, high = self.disparity_range or (0.0, 1.0)
         if not -math.inf < low < high < math.inf:
             raise InputError(
@@ -223,6 +228,20 @@ class LightField:
             raise InputError(
                 f"{self.name}: ground truth is {list(self.ground_truth.shape)} "
                 f"but the views are {list(self.image_size)}"
+            )
+
+    def _check_usable(self, usable: np.ndarray) -> None:
+        """Refuse a mask of another shape or type, and one without the centre view."""
+        if usable.shape != self.grid or usable.dtype != np.bool_:
+            raise InputError(
+                f"{self.name}: usable is {usable.dtype} {list(usable.shape)}, not bool [V, U]"
+            )
+        row, column = centre_index(self.grid)
+        if not usable[row, column]:
+            raise InputError(
+                f"{self.name}: the centre view (row {row}, column {column}, counted from 0) is "
+                "missing or cannot be used, but disparity is that of the centre view; leave out "
+                "an outer row or column of views, so that another view is the centre"
             )
 
     def _has_unit_values(self) -> bool:
@@ -271,8 +290,13 @@ class LightField:
         top, left = np.subtract(centre_index(self.grid), centre_index((rows, columns)))
         inner = np.s_[top : top + rows, left : left + columns]
         positions = None if self.positions is None else self.positions[inner]
+        usable = None if self.usable is None else self.usable[inner]
         return dataclasses.replace(
-            self, views=self.views[inner], positions=positions, view_order_report=None
+            self,
+            views=self.views[inner],
+            positions=positions,
+            usable=usable,
+            view_order_report=None,
         )
 
 

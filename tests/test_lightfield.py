@@ -31,11 +31,16 @@ def test_a_central_grid_keeps_the_centre_view(grid, inner):
     v, u = np.mgrid[: grid[0], : grid[1]]
     views = np.broadcast_to((10 * v + u)[..., None, None, None], (*grid, 2, 2, 1)).astype(np.uint8)
     positions = np.stack([v - grid[0] // 2, u - grid[1] // 2], axis=-1).astype(np.float32)
-    light_field = LightField(views, positions=positions)
+    usable = (v + u) % 2 == sum(np.array(grid) // 2) % 2
+    light_field = LightField(views, positions=positions, usable=usable)
     central = light_field.central(*inner)
     assert central.grid == inner
     np.testing.assert_array_equal(central.centre, light_field.centre)
     assert central.positions[inner[0] // 2, inner[1] // 2].tolist() == [0.0, 0.0]
+    rows, columns = np.indices(inner)
+    np.testing.assert_array_equal(
+        central.usable, (rows + columns) % 2 == sum(np.array(inner) // 2) % 2
+    )
 
 
 def test_a_larger_central_grid_is_refused():
@@ -73,6 +78,9 @@ def test_unsupported_types_and_values_are_refused(views):
     ("fields", "message"),
     [
         ({"positions": np.zeros((3, 3), np.float32)}, r"not \[V, U, 2\]"),
+        ({"usable": np.ones((3, 2), bool)}, r"usable is bool \[3, 2\], not bool \[V, U\]"),
+        ({"usable": np.ones((3, 3))}, "usable is float64"),
+        ({"usable": ~np.eye(3, dtype=bool)}, r"the centre view \(row 1, column 1.* is missing"),
         ({"disparity_range": (1.0, -1.0)}, "minimum < maximum"),
         ({"disparity_range": (0.0, 0.0)}, "minimum < maximum"),
         ({"disparity_range": (float("nan"), 1.0)}, "minimum < maximum"),

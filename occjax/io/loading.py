@@ -157,9 +157,12 @@ def _read(
 
 def _straightened(light_field: LightField) -> LightField:
     """Return the light field with every second row of its grid reversed."""
-    views = light_field.views.copy()
+    views, usable = light_field.views.copy(), light_field.usable
     views[1::2] = views[1::2, ::-1]
-    return dataclasses.replace(light_field, views=views)
+    if usable is not None:
+        usable = usable.copy()
+        usable[1::2] = usable[1::2, ::-1]
+    return dataclasses.replace(light_field, views=views, usable=usable)
 
 
 def _check_view_order(

@@ -106,6 +106,7 @@ class Orientation:
         views = np.ascontiguousarray(self._lay_out(light_field.views))
         rows, columns = views.shape[:2]
         positions, ground_truth = light_field.positions, light_field.ground_truth
+        usable = None if light_field.usable is None else self._lay_out(light_field.usable)
         if positions is not None:
             positions = self._lay_out(positions[..., ::-1] if self.swap else positions)
             signs = np.where([self.flip_rows, self.flip_columns], -1.0, 1.0)
@@ -117,6 +118,7 @@ class Orientation:
             light_field,
             views=views,
             positions=positions,
+            usable=usable,
             ground_truth=ground_truth,
             view_order_report=None,
         )

@@ -14,7 +14,8 @@ def light_field():
     v, u = np.mgrid[:3, :5]
     views = np.broadcast_to((10 * v + u)[:, :, None, None, None], (3, 5, 2, 2, 1)).astype(np.uint8)
     positions = np.stack([v - 1, u - 2], axis=-1).astype(np.float32)
-    return LightField(views, positions=positions, ground_truth=np.zeros((2, 2), np.float32))
+    truth, usable = np.zeros((2, 2), np.float32), views[:, :, 0, 0, 0] < 20
+    return LightField(views, positions=positions, usable=usable, ground_truth=truth)
 
 
 def labels(light_field):
@@ -43,6 +44,7 @@ def test_two_orientations_combine_into_one(light_field, first, second):
     at_once = first.then(second).apply(light_field)
     np.testing.assert_array_equal(labels(at_once), labels(one_by_one))
     np.testing.assert_array_equal(at_once.positions, one_by_one.positions)
+    np.testing.assert_array_equal(at_once.usable, labels(at_once) < 20)
 
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS, ids=lambda orientation: orientation.name)
