@@ -19,7 +19,7 @@ from occjax.evaluation import (
     evaluate_scene,
     is_scene,
 )
-from occjax.layout import Orientation, ViewOrderReport, check, declared_orientation
+from occjax.layout import Orientation, ViewOrderReport, check, declared_orientation, describe
 
 
 def evaluate_command(
@@ -133,6 +133,8 @@ def _format_report(report: ViewOrderReport, declared: Orientation) -> str:
             "  too few occlusions to determine the sign of disparity: with rows and columns\n"
             "  flipped in addition, the views would be equally consistent"
         )
+    if report.registration is not None:
+        lines += [f"views: {sentence}" for sentence in describe(report.registration)]
     low, high = report.disparity_range
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
+from occjax.layout import registered
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
 from occjax.ops import occlusion_maps
@@ -121,7 +122,9 @@ def run_estimator(
         seconds[name] = time.perf_counter() - begin
 
     with phase("prepare", "preparing"):
+        light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
+        inputs = inputs._replace(notes=(*corrections, *inputs.notes))
         arguments = (inputs.variables, inputs.views, *inputs.others)
     with phase("compile", "compiling"):
         leaves, structure = jax.tree.flatten(arguments)
@@ -190,7 +193,7 @@ def export_estimator(
         >>> [shape.shape for shape in exported.in_avals]
         [(3, 3, 256, 256)]
     """
-    inputs = estimator.prepare(light_field, disparity_range)
+    inputs = estimator.prepare(registered(light_field)[0], disparity_range)
     others = jax.tree.map(jnp.asarray, inputs.others)
     indices, image_shape = inputs.view_indices, inputs.views.shape[2:]
 

@@ -14,7 +14,7 @@ from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.lightfield import LightField, to_grey, view_offsets
 from occjax.models.proposal import ProposalConfig, ProposalNet, ProposalOutput
-from occjax.view_selection import select_view_indices
+from occjax.view_selection import is_grid, select_view_indices
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class ProposalEstimator:
         """
         (low, high), notes = choose_range(light_field, disparity_range)
         grid_offsets = view_offsets(*light_field.grid)
-        irregular = light_field.positions is not None
-        offsets = np.asarray(light_field.positions, np.float32) if irregular else grid_offsets
+        positions = light_field.positions
+        offsets = grid_offsets if positions is None else np.asarray(positions, np.float32)
         # The arrangement refers to the places of a grid; irregular views are all used.
         selected = select_view_indices(
-            grid_offsets.reshape(-1, 2), "all" if irregular else self.config.views
+            grid_offsets.reshape(-1, 2), self.config.views if is_grid(offsets) else "all"
         )
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:

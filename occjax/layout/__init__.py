@@ -7,22 +7,35 @@ orders, :mod:`~occjax.layout.consistency` compares the views under each of them,
 combines the results.
 """
 
-from occjax.layout.config import ViewOrderConfig
+from occjax.layout.config import RegistrationConfig, ViewOrderConfig
 from occjax.layout.orientation import (
     ORIENTATIONS,
     Orientation,
     declaration,
     declared_orientation,
 )
-from occjax.layout.report import ViewOrderReport, check, disparity_range_of
+from occjax.layout.registration import Registration
+from occjax.layout.report import (
+    ViewOrderReport,
+    check,
+    describe,
+    disparity_range_of,
+    registered,
+    view_order_scores,
+)
 
 __all__ = [
     "ORIENTATIONS",
     "Orientation",
+    "Registration",
+    "RegistrationConfig",
     "ViewOrderConfig",
     "ViewOrderReport",
     "check",
     "declaration",
     "declared_orientation",
+    "describe",
     "disparity_range_of",
+    "registered",
+    "view_order_scores",
 ]
