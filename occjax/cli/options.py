@@ -46,6 +46,14 @@ class ViewOrderOptions:
         option("Axes of the grid that are reversed in the files: v, u or vu.", "AXES"),
     ] = ""
 
+    spacing: Annotated[
+        tuple[float, float] | None,
+        option(
+            "Distance of neighbouring view rows and of view columns, in any unit, if they differ.",
+            "ROWS COLUMNS",
+        ),
+    ] = None
+
     def load(self, path: Path, **options) -> LightField:
         """Read a light field that is stored this way."""
         return load(path, **dataclasses.asdict(self), **options)

@@ -127,7 +127,7 @@ def register(
     )
     if spacing is None:
         found = views.refine(pyramid[-1], state, settings.rounds[0])
-        if not views.is_displaced(found, scale):
+        if not views.is_displaced(found, float(scale)):
             return None
     for level in pyramid:
         finest = level is pyramid[-1]
@@ -300,7 +300,7 @@ def _residual(
     inside = (y >= 1) & (y <= h - 2) & (x >= 1) & (x <= w - 2)
     shown = map_coordinates(image, [y, x], order=1, mode="nearest")
     difference = shown - centre
-    weight = inside / (1 + (difference / scale) ** 2) ** 2
+    weight = inside.astype(shown.dtype) / (1 + (difference / scale) ** 2) ** 2
     down, right = jnp.gradient((shown + centre) / 2)
     return difference, weight, (down, right)
 
@@ -324,7 +324,7 @@ def _normal_equations(
     def of_view(view: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         difference, weight, (down, right) = _residual(view[0], centre, disparity, *view[1:], scale)
         slopes = jnp.stack([down, right, -relative * down, -relative * right, centre])
-        weighted = (slopes * weight).reshape(5, -1)
+        weighted = (slopes * weight[None]).reshape(5, -1)
         matrix = jnp.matmul(weighted, slopes.reshape(5, -1).T, precision="highest")
         vector = -jnp.matmul(weighted, difference.reshape(-1), precision="highest")
         return matrix, vector, (weight * difference**2).sum() / (weight.sum() + 1e-6)
