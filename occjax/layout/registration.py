@@ -66,18 +66,23 @@ class Registration:
 
 @dataclass(frozen=True)
 class _State:
-    """Estimate in pixels of a reduction: disparity ``[h, w]``, positions and shifts ``[n, 2]``."""
+    """Estimate in pixels of a reduction: disparity ``[h, w]``, positions and shifts ``[n, 2]``.
+
+    ``error`` is the standard error of the shifts ``[n, 2]``, ``loss`` that of each view ``[n]``.
+    """
 
     disparity: Array
     positions: np.ndarray
     shifts: np.ndarray
     error: np.ndarray
+    loss: np.ndarray
 
     def at(self, size: tuple[int, ...]) -> _State:
         """Return the estimate for images that are resampled to ``size``."""
         factor = 2.0 ** round(math.log2(size[0] / self.disparity.shape[0]))
         disparity = factor * jax.image.resize(self.disparity, size, "linear")
-        return _State(disparity, self.positions, factor * self.shifts, factor * self.error)
+        shifts, error = factor * self.shifts, factor * self.error
+        return _State(disparity, self.positions, shifts, error, self.loss)
 
 
 def register(
@@ -122,18 +127,19 @@ def register(
     state = _State(
         jnp.asarray(median_filter(disparity, 3) / scale, jnp.float32),
         places[chosen],
-        np.zeros((int(chosen.sum()), 2)),
-        np.zeros((int(chosen.sum()), 2)),
+        np.zeros((len(images), 2)),
+        np.zeros((len(images), 2)),
+        np.zeros(len(images)),
     )
     if spacing is None:
         found = views.refine(pyramid[-1], state, settings.rounds[0])
-        if not views.is_displaced(found, float(scale)):
+        if not views.is_displaced(found, scale):
             return None
     for level in pyramid:
         finest = level is pyramid[-1]
         state = state.at(level.shape[1:])
         state = views.refine(level, state, settings.rounds[1], spacing is not None and finest)
-    return views.registration(state, scale, usable, spacing)
+    return views.registration(pyramid[-1], state, scale, usable, spacing)
 
 
 @dataclass(frozen=True)
@@ -152,9 +158,7 @@ class _Views:
         self, images: np.ndarray, state: _State, rounds: int, free_spacing: bool = False
     ) -> _State:
         """Improve shifts, positions and disparity in turn, and the spacing of columns if free."""
-        filtered = _high_pass(jnp.asarray(images))
-        contrast = float(jnp.std(filtered[self.centre])) or 1.0
-        scale = jnp.float32(self.settings.residual_scale * contrast)
+        filtered, scale = self._filtered(images)
         for _ in range(rounds):
             state = self._register(filtered, state, scale)
             if not free_spacing:
@@ -165,15 +169,46 @@ class _Views:
             state = replace(state, disparity=jnp.asarray(median_filter(disparity, 3)))
         return state
 
-    def is_displaced(self, state: _State, scale: float) -> bool:
-        """Return whether a view is clearly shifted, or clearly not at its place."""
-        return bool(self._shifted(state, scale).any() or self._moved(state, scale).any())
+    def _filtered(self, images: np.ndarray) -> tuple[Array, Array]:
+        """Return images without slow changes, and the grey difference that counts a quarter."""
+        filtered = _high_pass(jnp.asarray(images))
+        contrast = float(jnp.std(filtered[self.centre])) or 1.0
+        return filtered, jnp.float32(self.settings.residual_scale * contrast)
+
+    def _improved(self, images: np.ndarray, state: _State) -> np.ndarray:
+        """Return the views that fit the centre view clearly better than at their places."""
+        filtered, scale = self._filtered(images)
+        regular = replace(
+            state, positions=self.places * self._stretch(state), shifts=np.zeros_like(state.shifts)
+        )
+        after, before = (
+            np.asarray(
+                _normal_equations(filtered, self.centre, s.disparity, *_single(s), scale)[-1]
+            )
+            for s in (state, regular)
+        )
+        return after < (1 - self.settings.min_improvement) * before
+
+    def is_displaced(self, state: _State, scale: int) -> bool:
+        """Return whether a view is clearly shifted, or not at its place, or like no other one."""
+        limit = self.settings.max_loss_ratio * np.median(np.delete(state.loss, self.centre))
+        displaced = self._shifted(state, scale) | self._moved(state, scale) | (state.loss > limit)
+        return bool(displaced.any())
 
     def registration(
-        self, state: _State, scale: float, usable: np.ndarray, spacing: float | None
+        self,
+        images: np.ndarray,
+        state: _State,
+        scale: int,
+        usable: np.ndarray,
+        spacing: float | None,
     ) -> Registration | None:
         """Return the corrections that are clear."""
-        shifted, moved = self._shifted(state, scale), self._moved(state, scale)
+        improved = self._improved(images, state)
+        shifted, moved = (
+            self._shifted(state, scale) & improved,
+            self._moved(state, scale) & improved,
+        )
         ratio = 1.0
         if self.free and spacing is not None:
             ratio = spacing * self._stretch(state)[1]
@@ -191,7 +226,8 @@ class _Views:
             # The shift at the mean disparity includes a position that is not corrected.
             found = np.where(moved[:, None], state.shifts, self._mean_shift(state)) * scale
             large = np.abs(found).max(-1) >= self.settings.min_correction_px
-            shifts[usable] = np.where((large & self._significant(state))[:, None], found, 0.0)
+            corrected = large & self._significant(state) & improved
+            shifts[usable] = np.where(corrected[:, None], found, 0.0)
             shifts = shifts if shifts.any() else None
         everywhere = np.zeros(usable.shape, bool)
         everywhere[usable] = moved
@@ -199,7 +235,7 @@ class _Views:
 
     def _register(self, images: Array, state: _State, residual: Array) -> _State:
         """Make one Lucas-Kanade step for every view."""
-        matrices, vectors, variance = map(
+        matrices, vectors, variance, loss = map(
             np.asarray,
             _normal_equations(images, self.centre, state.disparity, *_single(state), residual),
         )
@@ -226,6 +262,7 @@ class _Views:
             positions / factor,
             shifts - constant * positions,
             np.sqrt(np.maximum(covariance, 0.0)),
+            loss,
         )
 
     def _stretch(self, state: _State) -> np.ndarray:
@@ -245,12 +282,12 @@ class _Views:
         shift = self._mean_shift(state)
         return np.any(np.abs(shift) > self.settings.significance * state.error, axis=-1)
 
-    def _shifted(self, state: _State, scale: float) -> np.ndarray:
+    def _shifted(self, state: _State, scale: int) -> np.ndarray:
         """Return the views that are clearly shifted."""
         large = scale * np.abs(self._mean_shift(state)).max(-1) > self.settings.min_shift_px
         return large & self._significant(state)
 
-    def _moved(self, state: _State, scale: float) -> np.ndarray:
+    def _moved(self, state: _State, scale: int) -> np.ndarray:
         """Return the views whose camera is clearly not at its place in the grid."""
         change = state.positions - self.places * self._stretch(state)
         effect = scale * float(state.disparity.std()) * np.abs(change).max(-1)
@@ -313,21 +350,23 @@ def _normal_equations(
     positions: Float[Array, "n 2"],
     shifts: Float[Array, "n 2"],
     scale: Float[Array, ""],
-) -> tuple[Float[Array, "n 5 5"], Float[Array, "n 5"], Float[Array, " n"]]:
-    """Return the least-squares problem of the changes of each view, and its residual variance.
+) -> tuple[Float[Array, "n 5 5"], Float[Array, "n 5"], Float[Array, " n"], Float[Array, " n"]]:
+    """Return the least-squares problem of the changes of each view, residual variance and loss.
 
+    The loss is the mean over the image of a robust function of the grey difference, in [0, 1].
     The unknowns are the shift at the mean disparity, the position, and the gain of the view.
     """
     centre = images[centre_index]
     relative = disparity - disparity.mean()
 
-    def of_view(view: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def of_view(view: tuple[Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         difference, weight, (down, right) = _residual(view[0], centre, disparity, *view[1:], scale)
         slopes = jnp.stack([down, right, -relative * down, -relative * right, centre])
         weighted = (slopes * weight[None]).reshape(5, -1)
         matrix = jnp.matmul(weighted, slopes.reshape(5, -1).T, precision="highest")
         vector = -jnp.matmul(weighted, difference.reshape(-1), precision="highest")
-        return matrix, vector, (weight * difference**2).sum() / (weight.sum() + 1e-6)
+        variance = (weight * difference**2).sum() / (weight.sum() + 1e-6)
+        return matrix, vector, variance, 1 - weight.mean()
 
     return jax.lax.map(of_view, (images, positions, shifts))
 

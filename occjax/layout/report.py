@@ -128,7 +128,9 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     if registration is None:
         return report
     corrected = _measure(registration.apply(light_field), config).report
-    most = (1 - config.registration.min_improvement) * report.scores[DECLARED.name]
+    # A single view changes this little; another spacing must.
+    improvement = 0.0 if spacing is None else config.registration.min_improvement
+    most = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
     if corrected.scores[DECLARED.name] > most:
         return report
     return dataclasses.replace(corrected, registration=registration)
@@ -177,8 +179,8 @@ def describe(registration: Registration) -> list[str]:
         )
     if registration.moved.any():
         notes.append(
-            f"the cameras of {_views(registration.moved)} are not at their places in the grid; "
-            "their measured positions are used"
+            f"{_views(registration.moved)} taken from other places than those of the grid; the "
+            "measured camera positions are used"
         )
     if registration.shifts is not None:
         size = np.abs(registration.shifts).max(-1)
