@@ -103,6 +103,33 @@ def select_from_grid(offsets: np.ndarray, selection: Selection) -> tuple[np.ndar
     return rows, columns
 
 
+def is_grid(offsets: np.ndarray, tolerance: float = 0.25) -> bool:
+    """Return whether views stand in rows and columns, whose spacings may differ.
+
+    Args:
+        offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view.
+        tolerance: Largest distance of three quarters of the views from their places in the grid, in
+            steps along each axis. A few misplaced views do not unmake a grid.
+
+    Example:
+        >>> is_grid(view_offsets(3, 5) * np.array([1.0, 2.0]))
+        True
+        >>> is_grid(np.random.default_rng(0).normal(size=(3, 5, 2)))
+        False
+    """
+    places = view_offsets(*offsets.shape[:2])
+    for axis in (0, 1):
+        place, offset = places[..., axis], offsets[..., axis]
+        if place.any():
+            step = np.median(offset[place != 0] / place[place != 0])
+            distance = np.abs(offset - step * place) / max(abs(step), np.finfo(np.float32).tiny)
+        else:
+            distance = np.abs(offset) / max(np.abs(offsets).max(), 1.0)
+        if np.quantile(distance, 0.75) > tolerance:
+            return False
+    return True
+
+
 def check_selection(selection: Selection) -> None:
     """Raise an error if a selection is invalid.
 

@@ -76,6 +76,13 @@ class ViewOrderOptions:
         option("Axes of the grid that are reversed in the files: v, u or vu.", "AXES"),
     ] = ""
 
+    spacing: Annotated[
+        tuple[float, float] | None,
+        option(
+            "Distance of neighbouring view rows and of view columns, in any unit, if they differ.",
+            "ROWS COLUMNS",
+        ),
+    ] = None
     views: Annotated[
         tuple[int, int] | None,
         option("Use only so many rows and columns of views around the centre view.", "V U"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occjax.layout import Orientation, ViewOrderReport
+from occjax.layout import Orientation, ViewOrderReport, describe
 
 
 def format_report(report: ViewOrderReport, declared: Orientation) -> str:
@@ -32,9 +32,11 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
             "  too few occlusions to determine the sign of disparity: with rows and columns\n"
             "  flipped in addition, the views would be equally consistent"
         )
+    if report.registration is not None:
+        lines += [f"views: {sentence}" for sentence in describe(report.registration)]
     low, high = report.disparity_range
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
     lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
-    lines += report.brightness.notes
+    lines += [f"views: {note}" for note in report.brightness.notes]
     return "\n".join(lines)

@@ -21,6 +21,7 @@ from occjax import programs
 from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
+from occjax.layout import registered
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
 
@@ -118,7 +119,9 @@ def run_estimator(
         seconds[name] = time.perf_counter() - begin
 
     with phase("prepare", "preparing"):
+        light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
+        inputs = inputs._replace(notes=(*corrections, *inputs.notes))
         arguments = (inputs.variables, inputs.views, *inputs.others)
     compiling = "compiling, once for this size and number of views"
     with (
@@ -194,7 +197,7 @@ def export_estimator(
     """
     if importlib.util.find_spec("flatbuffers") is None:  # jax.export serialises with it
         raise InputError("an export needs flatbuffers; run pip install 'occjax[export]'")
-    inputs = estimator.prepare(light_field, disparity_range)
+    inputs = estimator.prepare(registered(light_field)[0], disparity_range)
     others = jax.tree.map(jnp.asarray, inputs.others)
     indices, image_shape = inputs.view_indices, inputs.views.shape[2:]
 

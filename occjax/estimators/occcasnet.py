@@ -63,7 +63,10 @@ class OccCasNetEstimator:
             )
         notes = [*self.notes, *cropped, *brightness.notes]
         if light_field.positions is not None:
-            notes.append("the irregular camera positions are ignored: the network assumes a grid")
+            notes.append(
+                "the camera positions are ignored, so the map may be wrong: the network assumes a "
+                "square grid; use the model proposal"
+            )
         candidates = np.asarray(self.config.stages[0].candidates, np.float32)
         search_range = light_field.disparity_range
         if disparity_range is not None:

@@ -17,7 +17,7 @@ from occjax.layout import view_brightness
 from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.models.proposal.config import ProposalConfig
 from occjax.models.proposal.exposure import white_level
-from occjax.view_selection import select_view_indices
+from occjax.view_selection import is_grid, select_view_indices
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,12 @@ class ProposalEstimator:
         (low, high), notes = choose_range(light_field, disparity_range)
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
-        irregular = light_field.positions is not None
-        offsets = np.asarray(light_field.positions, np.float32) if irregular else grid_offsets
+        positions = light_field.positions
+        offsets = grid_offsets if positions is None else np.asarray(positions, np.float32)
         # The arrangement refers to the places of a grid; irregular views are all used.
         usable = np.flatnonzero(brightness.usable)
-        selected = usable[
-            select_view_indices(
-                grid_offsets.reshape(-1, 2)[usable], "all" if irregular else self.config.views
-            )
-        ]
+        views = self.config.views if is_grid(offsets) else "all"
+        selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:

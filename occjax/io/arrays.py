@@ -54,7 +54,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
     if "disparity_range" in fields:
         fields["disparity_range"] = _check_range(path, fields["disparity_range"])
     if "positions" in fields:
-        fields["positions"] = _check_positions(path, fields["positions"], views.shape[:2])
+        fields["positions"] = check_positions(path, fields["positions"], views.shape[:2])
     return LightField(views=views, name=path.stem, source=path, **fields)
 
 
@@ -171,25 +171,35 @@ def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...])
     return disparity
 
 
-def _check_range(path: Path, values: np.ndarray) -> tuple[float, float]:
-    """Return the disparity range as (minimum, maximum)."""
-    if values.shape != (2,) or not values[0] < values[1]:
-        raise InputError(f"{path}: disparity_range is {values.tolist()}; write (minimum, maximum)")
-    return float(values[0]), float(values[1])
+def check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) -> np.ndarray:
+    """Return camera positions as ``[V, U, 2]`` float32.
 
+    Args:
+        path: File that they come from, for messages.
+        positions: Array of any shape and type.
+        grid: ``(V, U)`` of the views.
 
-def _check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) -> np.ndarray:
-    """Return camera positions as ``[V, U, 2]`` float32."""
-    if positions.shape != (*grid, 2):
+    Raises:
+        InputError: If there is not one position ``(row, column)`` for each view, or they are all
+            the same or not finite.
+    """
+    if positions.shape != (*grid, 2) or not np.issubdtype(positions.dtype, np.number):
         raise InputError(
-            f"{path}: positions have the shape {list(positions.shape)}, not [V, U, 2]; "
-            "write one (row, column) for each view"
+            f"{path}: positions have the shape {list(positions.shape)}, not "
+            f"{[*grid, 2]}; write one (row, column) for each view"
         )
     positions = positions.astype(np.float32)
     identical = grid != (1, 1) and not np.ptp(positions, (0, 1)).any()
     if identical or not np.isfinite(positions).all():
         raise InputError(f"{path}: positions are all the same or not finite; correct them")
     return positions
+
+
+def _check_range(path: Path, values: np.ndarray) -> tuple[float, float]:
+    """Return the disparity range as (minimum, maximum)."""
+    if values.shape != (2,) or not values[0] < values[1]:
+        raise InputError(f"{path}: disparity_range is {values.tolist()}; write (minimum, maximum)")
+    return float(values[0]), float(values[1])
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from occjax.layout import ViewOrderConfig, check
+from occjax.layout import ViewOrderConfig, view_order_scores
 from occjax.lightfield import LightField, centre_index, project, to_grey, view_offsets
 
 MIN_TRUTH_RATIO = 1.3
@@ -35,7 +35,7 @@ def most_consistent(candidates: Sequence[np.ndarray], config: ViewOrderConfig | 
         1
     """
     config = config or ViewOrderConfig()
-    scores = [min(check(LightField(views), config).scores.values()) for views in candidates]
+    scores = [min(view_order_scores(LightField(views), config).values()) for views in candidates]
     best = int(np.argmin(scores))
     return best if scores[0] > config.clearly_worse_ratio * scores[best] else 0
 

@@ -21,6 +21,7 @@ from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
 from occjax.io.pfm import read_pfm
+from occjax.io.positions import read_positions
 from occjax.lightfield import LightField, centre_index
 
 MAX_BROKEN_FRACTION = 0.1
@@ -42,7 +43,7 @@ def read_folder(
 
     In addition to the views it reads the files that belong to the layout: ``parameters.cfg`` and
     ``gt_disp_lowres.pfm`` (HCI), ``R_C_disparity.npy`` of the centre view (UrbanLF), the camera
-    positions in the file names (Stanford).
+    positions in the file names (Stanford) or in ``positions.npy`` or ``positions.csv`` (others).
 
     Args:
         folder: The folder.
@@ -72,9 +73,11 @@ def read_folder(
         pattern=pattern,
         grid=grid or (config.grid if config else None),
     )
-    positions = None
+    positions: np.ndarray | None
     if layout == "stanford":
         named, positions = gantry_grid(str(folder), named)
+    else:
+        named, positions = read_positions(folder, named)
     views, usable = _read_views(folder, named, progress)
     if named.other_grid and positions is None:
         other = views.reshape(*named.other_grid, *views.shape[2:])

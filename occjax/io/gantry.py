@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from occjax.errors import InputError
 from occjax.io.naming import NamedViews
-from occjax.lightfield import centre_index
+from occjax.io.positions import arranged, relative_to_centre, spacing
 
 
 def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]:
@@ -32,7 +31,6 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
     Raises:
         InputError: If neighbouring cameras have the same position.
     """
-    rows, columns = named.grid
     measured = np.array(
         [
             ((1.0 if match["tail"] else -1.0) * float(match["y"]), float(match["x"]))
@@ -41,15 +39,9 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
     )
     positions = _regular(np.array(list(named.matches)), measured, named.grid)
     positions[tuple(np.transpose(list(named.matches)))] = measured
-    matches = named.matches
-    if rows > 1 and positions[-1, :, 0].mean() < positions[0, :, 0].mean():
-        positions = positions[::-1]
-        matches = {(rows - 1 - v, u): match for (v, u), match in matches.items()}
-    if columns > 1 and positions[:, -1, 1].mean() < positions[:, 0, 1].mean():
-        positions = positions[:, ::-1]
-        matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
-    relative = (positions - positions[centre_index(named.grid)]) / _spacing(folder, positions)
-    return NamedViews(named.grid, matches), relative.astype(np.float32)
+    named, positions = arranged(folder, named, positions)
+    present = [step for step in spacing(positions) if step]
+    return named, relative_to_centre(positions, float(np.mean(present)) if present else 1.0)
 
 
 def _regular(indices: np.ndarray, measured: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
@@ -64,15 +56,3 @@ def _regular(indices: np.ndarray, measured: np.ndarray, grid: tuple[int, int]) -
     coefficients = np.linalg.lstsq(terms, measured)[0]
     everywhere = np.stack([*np.indices(grid), np.ones(grid)], axis=-1)
     return everywhere @ coefficients
-
-
-def _spacing(folder: str, positions: np.ndarray) -> float:
-    """Return the mean distance of neighbours along rows and columns; 1 for a single camera."""
-    steps = [np.diff(positions[..., axis], axis=axis) for axis in (0, 1)]
-    present = [float(step.mean()) for step in steps if step.size]
-    if 0.0 in present:
-        raise InputError(
-            f"{folder}: by the file names, cameras of several rows or columns have the same "
-            "position; correct the positions, or name the views only by row and column"
-        )
-    return float(np.mean(present)) if present else 1.0

@@ -28,7 +28,7 @@ from occjax.layout import (
     declaration,
     declared_orientation,
 )
-from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField
+from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField, view_offsets
 
 
 class ViewOrderWarning(UserWarning):
@@ -43,6 +43,7 @@ def load(
     grid: tuple[int, int] | None = None,
     order: str = "vu",
     flip: str = "",
+    spacing: tuple[float, float] | None = None,
     key: str | None = None,
     name: str | None = None,
     views: tuple[int, int] | None = None,
@@ -65,6 +66,8 @@ def load(
             count rows first and every second row backwards.
         flip: Axes of the grid that run backwards: ``"v"`` if rows run from bottom to top, ``"u"``
             if columns run from right to left, ``"vu"`` if both.
+        spacing: Distance of neighbouring view rows and of neighbouring view columns, in any unit,
+            if they differ; disparity is then in pixels per row step. None to measure their ratio.
         key: Name of the views in an ``.npz``, HDF5 or ``.mat`` file.
         name: Name of the scene; by default the name of the file or folder.
         views: ``(V, U)``, rows and columns of views around the centre view to keep; None for all.
@@ -121,6 +124,8 @@ def load(
     if order == "serpentine":
         stored = _straightened(stored)
     light_field = declared.apply(stored) if declared != Orientation() else stored
+    if spacing is not None:
+        light_field = _spaced(path, light_field, spacing)
     if views is not None:
         light_field = light_field.central(*views)
     if name is not None:
@@ -176,6 +181,19 @@ def _read(
         f"{path}: unknown kind of file; give a folder of views, an image ("
         f"{', '.join(IMAGE_SUFFIXES)}), .npz, .npy, .h5, .hdf5 or .mat"
     )
+
+
+def _spaced(path: Path, light_field: LightField, spacing: tuple[float, float]) -> LightField:
+    """Return the light field with the camera positions of this spacing, in row steps."""
+    rows, columns = spacing
+    if not (0 < rows < np.inf and 0 < columns < np.inf):
+        raise InputError(f"spacing is {rows:g} {columns:g}; it must be two positive numbers")
+    if light_field.positions is not None:
+        raise InputError(
+            f"{path}: has camera positions; leave out spacing, or remove the positions"
+        )
+    offsets = view_offsets(*light_field.grid) * np.array([1.0, columns / rows], np.float32)
+    return dataclasses.replace(light_field, positions=offsets)
 
 
 def _straightened(light_field: LightField) -> LightField:

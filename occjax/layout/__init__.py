@@ -15,41 +15,62 @@ from typing import TYPE_CHECKING
 from occjax.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from occjax.layout.config import BrightnessConfig, ViewOrderConfig
+    from occjax.layout.config import BrightnessConfig, RegistrationConfig, ViewOrderConfig
     from occjax.layout.orientation import (
         ORIENTATIONS,
         Orientation,
         declaration,
         declared_orientation,
     )
-    from occjax.layout.report import ViewOrderReport, check, disparity_range_of
+    from occjax.layout.registration import Registration
+    from occjax.layout.report import (
+        ViewOrderReport,
+        check,
+        describe,
+        disparity_range_of,
+        registered,
+        view_order_scores,
+    )
     from occjax.layout.view_brightness import ViewBrightness, view_brightness
 
 __all__ = [
     "ORIENTATIONS",
     "BrightnessConfig",
     "Orientation",
+    "Registration",
+    "RegistrationConfig",
     "ViewBrightness",
     "ViewOrderConfig",
     "ViewOrderReport",
     "check",
     "declaration",
     "declared_orientation",
+    "describe",
     "disparity_range_of",
+    "registered",
     "view_brightness",
+    "view_order_scores",
 ]
 
 __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "occjax.layout.config": ("BrightnessConfig", "ViewOrderConfig"),
+        "occjax.layout.config": ("BrightnessConfig", "RegistrationConfig", "ViewOrderConfig"),
         "occjax.layout.orientation": (
             "ORIENTATIONS",
             "Orientation",
             "declaration",
             "declared_orientation",
         ),
-        "occjax.layout.report": ("ViewOrderReport", "check", "disparity_range_of"),
+        "occjax.layout.registration": ("Registration",),
+        "occjax.layout.report": (
+            "ViewOrderReport",
+            "check",
+            "describe",
+            "disparity_range_of",
+            "registered",
+            "view_order_scores",
+        ),
         "occjax.layout.view_brightness": ("ViewBrightness", "view_brightness"),
     },
 )

@@ -34,6 +34,48 @@ class BrightnessConfig:
 
 
 @dataclass(frozen=True)
+class RegistrationConfig:
+    """Settings of the measurement of view spacing, shifts and camera positions.
+
+    Attributes:
+        min_spacing_change: Logarithm of the ratio of column to row spacing from which the spacing
+            counts as different. Clean light fields measure 0.03 at most.
+        max_spacing_spread: Largest quartile distance of the logarithm of the ratio over the pixels.
+            Light fields of any spacing have at most 0.13, views with random shifts 0.16 and more.
+        min_spacing_fraction: Fraction of the pixels that must show two clear disparities.
+        spacing_radius_px: Radius of the mean of the cost for the ratio.
+        clear_minimum: Ratio of lowest to mean cost below which a disparity is clear.
+        min_shift_px: Shift of a view from which the light field counts as misregistered, in pixels
+            of the light field. Rendered ones have at most 0.04, one of a Lytro Illum 0.1.
+        min_position_px: The same for a wrong camera position: standard deviation, over the image,
+            of the displacement that it causes. Clean light fields have at most 0.06.
+        min_correction_px: Shifts below this are left as they are: resampling costs sharpness.
+        significance: Standard errors that a shift must have to be corrected.
+        min_improvement: Fraction by which a correction must lower the loss of its view, and another
+            spacing the mean grey difference of all views.
+        max_loss_ratio: Loss of a view, relative to the median of all views, from which it may be
+            displaced by more than the first measurement can see. Clean light fields have 1.34.
+        rounds: Rounds of the first measurement, and of each resolution of the full one.
+        residual_scale: Grey difference, relative to the contrast of the centre view, at which a
+            pixel counts a quarter.
+    """
+
+    min_spacing_change: float = 0.06
+    max_spacing_spread: float = 0.15
+    min_spacing_fraction: float = 0.02
+    spacing_radius_px: int = 3
+    clear_minimum: float = 0.4
+    min_shift_px: float = 0.2
+    min_position_px: float = 0.15
+    min_correction_px: float = 0.05
+    significance: float = 5.0
+    min_improvement: float = 0.02
+    max_loss_ratio: float = 2.0
+    rounds: tuple[int, int] = (2, 4)
+    residual_scale: float = 0.4
+
+
+@dataclass(frozen=True)
 class ViewOrderConfig:
     """Settings of :func:`occjax.layout.check`.
 
@@ -99,6 +141,7 @@ class ViewOrderConfig:
         wrong_grid_disparity: See ``wrong_grid_fraction``, in pixels per view step.
         wrong_grid_span: Range of disparity, relative to the largest candidate, above which views
             that are equally consistent in all view orders are not a light field.
+        registration: Settings of the measurement of view spacing, shifts and camera positions.
     """
 
     view_steps: tuple[int, ...] = (1, 2, 4)
@@ -135,3 +178,4 @@ class ViewOrderConfig:
     wrong_grid_fraction: float = 0.85
     wrong_grid_disparity: float = 0.3
     wrong_grid_span: float = 1.6
+    registration: RegistrationConfig = RegistrationConfig()

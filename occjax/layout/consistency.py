@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TypeVar
 
 import jax.numpy as jnp
@@ -99,7 +100,7 @@ def view_cross(
     offsets = view_offsets(rows, columns) if positions is None else positions
 
     def image(v: int, u: int) -> np.ndarray:
-        return _reduce(brightness.grey(light_field, v, u), scale)
+        return reduce_image(brightness.grey(light_field, v, u), scale)
 
     centre = image(v0, u0)
     white = np.float32(np.percentile(centre, config.brightness_percentile)) or np.float32(1)
@@ -151,28 +152,52 @@ class CostVolumes:
         cross = _high_pass(cross)
         # JAX computes in the background: all arms are started before the first one is used.
         running = [
-            (arm, axis, _start_arm(cross, arm, axis, self.candidates))
-            for arm in cross.arms
+            (index, axis, _start_arm(cross, arm, axis, self.candidates))
+            for index, arm in enumerate(cross.arms)
             for axis in (0, 1)
         ]
-        self._volumes: dict[tuple[bool, int], np.ndarray] = {}
-        for arm, axis, parts in running:
-            volume = np.concatenate(parts)[: len(self.candidates)]
-            opposite = self._volumes.get((arm.on_row, axis), volume)
-            self._volumes[arm.on_row, axis] = np.minimum(volume, opposite)
+        self._on_row = [arm.on_row for arm in cross.arms]
+        self._volumes = {
+            (index, axis): np.concatenate(parts)[: len(self.candidates)]
+            for index, axis, parts in running
+        }
 
-    def of(self, orientation: Orientation) -> np.ndarray:
+    def along(
+        self, on_row: bool, orientation: Orientation, without: int | None = None
+    ) -> np.ndarray | None:
+        """Return the ``[d, h, w]`` cost of the views on the grid row or column of the centre view.
+
+        Args:
+            on_row: Whether to use the views on the grid row, else those on the grid column.
+            orientation: The view order that is assumed.
+            without: Index of an arm that is left out; see :attr:`removable_arms`.
+
+        Returns:
+            Mean absolute grey difference, at each pixel that of the better arm; None if there are
+            no such views.
+        """
+        axis, sign = motion(on_row, orientation)
+        volumes = [
+            self._volumes[index, axis][::sign]
+            for index, value in enumerate(self._on_row)
+            if value == on_row and index != without
+        ]
+        return reduce(np.minimum, volumes) if volumes else None
+
+    @property
+    def removable_arms(self) -> list[int]:
+        """Return the indices of the arms that have an opposite arm."""
+        return [i for i, on_row in enumerate(self._on_row) if self._on_row.count(on_row) > 1]
+
+    def of(self, orientation: Orientation, without: int | None = None) -> np.ndarray:
         """Return the ``[d, h, w]`` mean absolute grey difference under a view order."""
-        parts = []
-        for on_row in (True, False):
-            axis, sign = motion(on_row, orientation)
-            if (on_row, axis) in self._volumes:
-                parts.append(self._volumes[on_row, axis][::sign])
+        along = (self.along(on_row, orientation, without) for on_row in (True, False))
+        parts = [part for part in along if part is not None]
         return parts[0] if len(parts) == 1 else (parts[0] + parts[1]) / np.float32(2)
 
-    def score(self, orientation: Orientation) -> float:
+    def score(self, orientation: Orientation, without: int | None = None) -> float:
         """Return the mean over all pixels of the lowest cost under a view order."""
-        return float(self.of(orientation).min(0).mean())
+        return float(self.of(orientation, without).min(0).mean())
 
 
 def motion(on_row: bool, orientation: Orientation) -> tuple[int, int]:
@@ -268,7 +293,7 @@ def _arm_volume(
     )
 
 
-def _reduce(image: np.ndarray, scale: int) -> np.ndarray:
+def reduce_image(image: np.ndarray, scale: int) -> np.ndarray:
     """Return means of ``scale`` x ``scale`` blocks; incomplete blocks are left out."""
     h, w = image.shape[0] // scale, image.shape[1] // scale
     blocks = image[: h * scale, : w * scale].reshape(h, scale, w, scale)

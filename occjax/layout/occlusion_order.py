@@ -33,11 +33,11 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
 
     Returns:
         Fraction in [0, 1], each collision weighted by the squared contrast of its two points: near
-        1 if the sign is correct, near 0 if it is reversed; None if too few points collide.
+        1 if the sign is correct, near 0 if it is reversed; None if too few points collide, or if
+        the majority depends on one arm: a single misplaced view must not reverse the sign.
     """
     config = cross.config
-    near = far = 0.0
-    decided = 0
+    votes = []  # Of each arm: for the nearer point in front, for the farther one, their number.
     projected = [_project_to_outermost(cross, arm, disparity, orientation) for arm in cross.arms]
     for arm, (displacement, difference, _) in zip(cross.arms, projected, strict=True):
         counted = np.ones(disparity.shape, bool)
@@ -51,10 +51,17 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
         visible, hidden = config.max_visible_difference, config.min_hidden_difference
         large_visible = collides & (large < visible) & (small > hidden)
         small_visible = collides & (small < visible) & (large > hidden)
-        near += float(np.sum(small[large_visible] ** 2))
-        far += float(np.sum(large[small_visible] ** 2))
-        decided += int(large_visible.sum() + small_visible.sum())
-    return near / (near + far) if decided >= config.min_collisions else None
+        near = float(np.sum(small[large_visible] ** 2))
+        far = float(np.sum(large[small_visible] ** 2))
+        votes.append((near, far, int(large_visible.sum() + small_visible.sum())))
+    near, far, decided = np.sum(votes, axis=0)
+    if decided < config.min_collisions:
+        return None
+    without_one = np.array([near, far]) - np.array(votes)[:, :2]
+    undecided = without_one.sum(1) == 0.0
+    if np.any(((without_one[:, 0] > without_one[:, 1]) != (near > far)) & ~undecided):
+        return None
+    return float(near / (near + far))
 
 
 def _project_to_outermost(

@@ -17,8 +17,10 @@ from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
+from occjax.layout.registration import Registration, register
+from occjax.layout.spacing import column_spacing
 from occjax.layout.view_brightness import ViewBrightness, view_brightness
-from occjax.lightfield import LightField
+from occjax.lightfield import LightField, view_offsets
 
 DECLARED = Orientation()
 """The view order of the light field as it is given."""
@@ -54,6 +56,9 @@ class ViewOrderReport:
             no view order is more consistent than the others: noise, or a wrongly split mosaic.
         brightness: Gains of the views, and which of them are usable.
         max_disparity: Largest absolute disparity that was searched, in pixels per view step.
+        registration: Spacing, shifts and camera positions of the views, if they clearly differ from
+            those of a regular, rectified grid. Then everything else was measured after their
+            correction.
     """
 
     scores: dict[str, float]
@@ -67,6 +72,7 @@ class ViewOrderReport:
     plausible: bool
     brightness: ViewBrightness
     max_disparity: float
+    registration: Registration | None = None
 
     @property
     def declared_range(self) -> tuple[float, float]:
@@ -109,6 +115,121 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     if config is None and light_field.view_order_report is not None:
         return light_field.view_order_report
     config = ViewOrderConfig() if config is None else config
+    measured = _measure(light_field, config)
+    report = measured.report
+    if report.best not in (DECLARED, DECLARED.reversed_sign) or not report.measured_fraction:
+        return report  # Without the right view order, every view seems to be misplaced.
+    spacing = None
+    respaced = light_field
+    if light_field.positions is None:
+        spacing = column_spacing(measured.volumes, DECLARED)
+    if spacing is not None:
+        offsets = view_offsets(*light_field.grid) * np.array([1.0, spacing], np.float32)
+        respaced = dataclasses.replace(light_field, positions=offsets)
+        measured = _measure(respaced, config)
+        if not measured.report.measured_fraction:
+            return report
+    registration = register(
+        light_field,
+        measured.report.brightness,
+        measured.disparity,
+        measured.scale,
+        config,
+        spacing,
+    )
+    if registration is None:
+        return report
+    corrected = _measure(registration.apply(light_field), config).report
+    # A single view changes this little; another spacing must.
+    improvement = 0.0 if spacing is None else config.registration.min_improvement
+    most = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
+    if corrected.scores[DECLARED.name] > most:
+        return report
+    return dataclasses.replace(corrected, registration=registration)
+
+
+def view_order_scores(light_field: LightField, config: ViewOrderConfig) -> dict[str, float]:
+    """Return the ``scores`` of :func:`check` for the views as they are, without registration."""
+    return _measure(light_field, config).report.scores
+
+
+def registered(light_field: LightField) -> tuple[LightField, tuple[str, ...]]:
+    """Return the light field with its views where the measurement found them, and what was changed.
+
+    Args:
+        light_field: Any light field; it is measured unless it carries its report.
+
+    Returns:
+        The light field with ``positions``, and with shifted views moved back, and one note for each
+        change. If nothing needs a correction, views and positions are the same objects. The result
+        carries its report.
+
+    Example:
+        >>> columns = np.random.default_rng(0).random((60, 60), np.float32)
+        >>> wall = LightField(np.stack([np.roll(columns, -2 * u, 1) for u in (-1, 0, 1)])[None])
+        >>> registered(wall)[1]
+        ()
+    """
+    if light_field.grid == (1, 1):
+        return light_field, ()
+    report = check(light_field)
+    if report.registration is None:
+        return dataclasses.replace(light_field, view_order_report=report), ()
+    corrected = report.registration.apply(light_field)
+    report_of_corrected = dataclasses.replace(report, registration=None)
+    notes = tuple(describe(report.registration))
+    return dataclasses.replace(corrected, view_order_report=report_of_corrected), notes
+
+
+def describe(registration: Registration) -> list[str]:
+    """Return one sentence for each kind of correction, for the user."""
+    notes = []
+    if registration.spacing != 1.0:
+        notes.append(
+            f"the view columns are {registration.spacing:.3g} times as far apart as the view rows, "
+            "measured; disparity is per row step; --spacing ROWS COLUMNS declares it"
+        )
+    if registration.moved.any():
+        notes.append(
+            f"{_views(registration.moved)} taken from other places than those of the grid; the "
+            "measured camera positions are used"
+        )
+    if registration.shifts is not None:
+        size = np.abs(registration.shifts).max(-1)
+        notes.append(
+            f"{_views(size > 0)} shifted against the grid by up to {size.max():.2g} pixels; "
+            "the shifts were undone"
+        )
+    return notes
+
+
+def _views(chosen: np.ndarray) -> str:
+    """Name the chosen views of ``[V, U]`` if they are few, else count them."""
+    places = [f"({v}, {u})" for v, u in np.argwhere(chosen)]
+    if len(places) > 4:
+        return f"{len(places)} of {chosen.size} views are"
+    return f"view{'s' * (len(places) > 1)} {', '.join(places)} {'are' if len(places) > 1 else 'is'}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A report, and what it was computed from.
+
+    Attributes:
+        report: The report.
+        volumes: Cost volumes of all view orders.
+        disparity: ``[h, w]`` disparity of the light field as declared, pixels per view step.
+        scale: Pixels of the light field per pixel of ``disparity``.
+    """
+
+    report: ViewOrderReport
+    volumes: CostVolumes
+    disparity: np.ndarray
+    scale: int
+
+
+def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:
+    """Measure view order and disparity range of the light field as it is."""
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
     brightness = view_brightness(light_field, BrightnessConfig())
@@ -122,6 +243,9 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     fine = CostVolumes(fine_cross, largest)
     scores = _scores(fine)
     best = _most_consistent(scores, config)
+    if best != DECLARED and _one_arm_disagrees(fine, best):
+        best = DECLARED
+        scores = {o: max(score, scores[DECLARED]) for o, score in scores.items()}
     measurement = measure_disparity(fine, best)
     front = nearer_in_front(fine_cross, measurement.disparity, best)
     sign_known = front is not None and max(front, 1 - front) >= config.sign_fraction
@@ -136,7 +260,7 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         measurement = measure_disparity(fine, best)
     otherwise = _clearly_worse(scores[DECLARED], scores[best], config)
     only_the_sign = best == DECLARED.reversed_sign and sign_known
-    return ViewOrderReport(
+    report = ViewOrderReport(
         scores={o.name: score * fine_cross.brightness for o, score in scores.items()},
         best=best,
         conclusive=conclusive,
@@ -150,6 +274,9 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         brightness=brightness,
         max_disparity=float(coarse.candidates[-1]),
     )
+    reversed_sign = best == DECLARED.reversed_sign
+    disparity = -measurement.disparity if reversed_sign else measurement.disparity
+    return _Measured(report, fine, disparity, fine_cross.scale)
 
 
 def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tuple[str, ...]]:
@@ -276,6 +403,16 @@ def _most_consistent(scores: dict[Orientation, float], config: ViewOrderConfig) 
     """Return the best view order up to the sign; the declared one unless it is clearly worse."""
     best = min((o for o in ORIENTATIONS if not o.flip_columns), key=scores.__getitem__)
     return best if _clearly_worse(scores[DECLARED], scores[best], config) else DECLARED
+
+
+def _one_arm_disagrees(volumes: CostVolumes, best: Orientation) -> bool:
+    """Return whether the declared view order is the better one without one of the arms.
+
+    A single misplaced view, which only one arm contains, must not show another view order.
+    """
+    return any(
+        volumes.score(DECLARED, arm) <= volumes.score(best, arm) for arm in volumes.removable_arms
+    )
 
 
 def _clearly_worse(score: float, best: float, config: ViewOrderConfig) -> bool:

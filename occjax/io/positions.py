@@ -1,0 +1,112 @@
+"""Camera positions in a file next to the views: ``positions.npy`` or ``positions.csv``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.io.arrays import check_positions, read_npy
+from occjax.io.files import decoding
+from occjax.io.naming import NamedViews
+from occjax.lightfield import centre_index
+
+
+def read_positions(folder: Path, named: NamedViews) -> tuple[NamedViews, np.ndarray | None]:
+    """Read the camera positions of a folder of views.
+
+    The unit of the positions becomes the mean spacing of the view rows (of the columns if there is
+    one row): disparity is then in pixels per row step, whatever unit the file has.
+
+    Args:
+        folder: Folder of the views.
+        named: The views.
+
+    Returns:
+        The views, ordered by their positions, and ``[V, U, 2]`` float32 positions ``(row, column)``
+        relative to the centre view; None if the folder has no such file.
+
+    Raises:
+        InputError: If the file is damaged or does not fit the views, or there are two.
+    """
+    paths = [
+        path for name in ("positions.npy", "positions.csv") if (path := folder / name).exists()
+    ]
+    if not paths:
+        return named, None
+    if len(paths) == 2:
+        raise InputError(f"{folder}: has positions.npy and positions.csv; remove one of them")
+    (path,) = paths
+    positions = read_npy(path) if path.suffix == ".npy" else _read_csv(path)
+    v, u = named.grid
+    if positions.shape == (v * u, 2):
+        positions = positions.reshape(v, u, 2)
+    named, positions = arranged(str(folder), named, check_positions(path, positions, named.grid))
+    rows, columns = spacing(positions)
+    return named, relative_to_centre(positions, rows or columns or 1.0)
+
+
+def arranged(
+    folder: str, named: NamedViews, positions: np.ndarray
+) -> tuple[NamedViews, np.ndarray]:
+    """Order views by their positions: rows from top to bottom, columns from left to right.
+
+    Args:
+        folder: Name of the folder, for messages.
+        named: The views in any of the eight view orders.
+        positions: ``[V, U, 2]`` positions ``(row, column)``, rows downwards.
+
+    Returns:
+        The views in the order of the library, and their positions ``[V, U, 2]``.
+
+    Raises:
+        InputError: If the rows or the columns of cameras have the same position.
+    """
+    positions = np.asarray(positions, np.float64)
+    matches = named.matches
+    along = np.abs([[_step(positions, axis, c) for c in (0, 1)] for axis in (0, 1)])
+    if along[0, 1] + along[1, 0] > along[0, 0] + along[1, 1]:
+        positions = positions.swapaxes(0, 1)
+        matches = {(v, u): match for (u, v), match in matches.items()}
+    rows, columns = positions.shape[:2]
+    if _step(positions, 0, 0) < 0:
+        positions = positions[::-1]
+        matches = {(rows - 1 - v, u): match for (v, u), match in matches.items()}
+    if _step(positions, 1, 1) < 0:
+        positions = positions[:, ::-1]
+        matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
+    for size, step in zip((rows, columns), spacing(positions), strict=True):
+        if size > 1 and step == 0:
+            raise InputError(
+                f"{folder}: cameras of several rows or columns have the same position; correct the "
+                "positions, or name the views only by row and column"
+            )
+    return NamedViews((rows, columns), matches), positions
+
+
+def spacing(positions: np.ndarray) -> tuple[float, float]:
+    """Return the mean distance of neighbouring rows, and of columns; zero if there is only one."""
+    return _step(positions, 0, 0), _step(positions, 1, 1)
+
+
+def relative_to_centre(positions: np.ndarray, unit: float) -> np.ndarray:
+    """Return ``[V, U, 2]`` float32 positions relative to the centre view, in this unit."""
+    centre = positions[centre_index(positions.shape[:2])]
+    return ((positions - centre) / unit).astype(np.float32)
+
+
+def _step(positions: np.ndarray, axis: int, component: int) -> float:
+    """Return the mean change of a component from one row (axis 0) or column (1) to the next."""
+    if positions.shape[axis] < 2:
+        return 0.0
+    return float(np.diff(positions[..., component], axis=axis).mean())
+
+
+def _read_csv(path: Path) -> np.ndarray:
+    """Read one line ``row,column`` for each view; a first line of words is a heading."""
+    remedy = "write one line 'row,column' for each view, in the order of the views"
+    with decoding(path, "a table of two columns", remedy=remedy):
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        heading = bool(lines) and any(character.isalpha() for character in lines[0])
+        return np.loadtxt(lines[heading:], delimiter=",", ndmin=2)

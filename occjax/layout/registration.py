@@ -1,0 +1,423 @@
+"""Shift and camera position of each view, measured against the disparity map of the centre view.
+
+View ``k`` shows the point ``x`` of the centre view at ``x - d(x) p_k + s_k``. In a regular grid
+``p_k`` is the place of the view in the grid and the shift ``s_k`` is zero. A rotated camera or a
+wrong crop changes ``s_k``, a camera that is not where it should be changes ``p_k``.
+
+Lucas-Kanade steps improve all ``s_k`` and ``p_k``, given the disparity map, and the disparity map,
+given all ``s_k`` and ``p_k``, in turn, on reduced images from coarse to fine. Two changes of all
+views at once are the same as a change of the disparity map, and are not measured: shifts in
+proportion to ``p_k`` (a constant added to the disparity) and a common factor of all ``p_k``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.ndimage import map_coordinates
+from jaxtyping import Array, Float, Int
+from scipy.ndimage import median_filter
+
+from occjax.layout.config import RegistrationConfig, ViewOrderConfig
+from occjax.layout.consistency import box_mean, reduce_image
+from occjax.layout.view_brightness import ViewBrightness
+from occjax.lightfield import LightField, centre_index, view_offsets
+from occjax.programs import kept
+
+MIN_SIZE_PX = 24
+"""Shorter image side below which images are not reduced further."""
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Corrections that make the views of a light field consistent.
+
+    Attributes:
+        spacing: Spacing of the view columns in steps of the view rows; 1 in an ordinary grid.
+        positions: ``[V, U, 2]`` float32 measured camera positions ``(row, column)``, in steps of
+            the view rows, relative to the centre view; None if those of the light field agree.
+        shifts: ``[V, U, 2]`` float32 displacement ``(down, right)`` of the content of each view, in
+            pixels of the light field; None if no view is clearly shifted.
+        moved: ``[V, U]`` bool, views whose camera is not at its place in the grid.
+    """
+
+    spacing: float
+    positions: np.ndarray | None
+    shifts: np.ndarray | None
+    moved: np.ndarray
+
+    def apply(self, light_field: LightField) -> LightField:
+        """Return the light field with the measured positions and with the shifts undone.
+
+        Views that are not shifted, and the centre view, keep their values. The view order report is
+        dropped.
+        """
+        positions = light_field.positions if self.positions is None else self.positions
+        views = light_field.views
+        if self.shifts is not None:
+            views = views.copy()
+            for index in zip(*np.nonzero(self.shifts.any(-1)), strict=True):
+                views[index] = _shifted_back(light_field.views[index], self.shifts[index])
+        return replace(light_field, views=views, positions=positions, view_order_report=None)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Estimate in pixels of a reduction: disparity ``[h, w]``, positions and shifts ``[n, 2]``.
+
+    ``error`` is the standard error of the shifts ``[n, 2]``, ``loss`` that of each view ``[n]``.
+    """
+
+    disparity: np.ndarray
+    positions: np.ndarray
+    shifts: np.ndarray
+    error: np.ndarray
+    loss: np.ndarray
+
+    def at(self, size: tuple[int, ...]) -> _State:
+        """Return the estimate for images that are resampled to ``size``."""
+        factor = 2.0 ** round(math.log2(size[0] / self.disparity.shape[0]))
+        disparity = factor * np.asarray(jax.image.resize(self.disparity, size, "linear"))
+        shifts, error = factor * self.shifts, factor * self.error
+        return _State(disparity, self.positions, shifts, error, self.loss)
+
+
+def register(
+    light_field: LightField,
+    brightness: ViewBrightness,
+    disparity: np.ndarray,
+    scale: int,
+    config: ViewOrderConfig,
+    spacing: float | None = None,
+) -> Registration | None:
+    """Measure spacing, shifts and camera positions of the views.
+
+    A first measurement is precise enough to recognise a light field that needs no correction; only
+    others are measured fully, from coarse to fine.
+
+    Args:
+        light_field: At least two views, whose positions are used if it has them.
+        brightness: Gains of the views, and which of them are usable.
+        disparity: ``[h, w]`` disparity of the centre view, reduced in size by ``scale``, in pixels
+            of the light field per view step.
+        scale: Pixels of the light field per pixel of ``disparity``.
+        config: Settings.
+        spacing: Measured spacing of the view columns, which ``disparity`` was measured with; None
+            for that of the light field.
+
+    Returns:
+        The corrections; None if nothing is clearly outside of what regular, rectified light fields
+        show.
+    """
+    settings = config.registration
+    grid = light_field.grid
+    nominal = view_offsets(*grid) if light_field.positions is None else light_field.positions
+    factors = np.array([1.0, spacing or 1.0])
+    places = (nominal * factors).reshape(-1, 2).astype(np.float64)
+    usable = brightness.usable
+    images = [
+        reduce_image(brightness.grey(light_field, v, u), scale) for v, u in np.argwhere(usable)
+    ]
+    chosen = usable.reshape(-1)
+    before_centre = chosen[: np.ravel_multi_index(centre_index(grid), grid)]
+    centre = np.array(np.count_nonzero(before_centre), np.int32)
+    pyramid = [np.stack(images)]
+    while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * MIN_SIZE_PX:
+        pyramid.insert(0, np.stack([reduce_image(image, 2) for image in pyramid[0]]))
+    views = _Views(places[chosen], centre, light_field.positions is None, settings)
+
+    state = _State(
+        (median_filter(disparity, 3) / scale).astype(np.float32),
+        places[chosen],
+        np.zeros((len(images), 2)),
+        np.zeros((len(images), 2)),
+        np.zeros(len(images)),
+    )
+    if spacing is None:
+        found = views.refine(pyramid[-1], state, settings.rounds[0])
+        if not views.is_displaced(found, scale):
+            return None
+    for level in pyramid:
+        finest = level is pyramid[-1]
+        state = state.at(level.shape[1:])
+        state = views.refine(level, state, settings.rounds[1], spacing is not None and finest)
+    return views.registration(pyramid[-1], state, scale, usable, spacing)
+
+
+@dataclass(frozen=True)
+class _Views:
+    """The usable views: nominal places ``[n, 2]``, index of the centre view, settings.
+
+    ``free`` is False if the positions were declared: only shifts are measured then.
+    """
+
+    places: np.ndarray
+    centre: np.ndarray
+    free: bool
+    settings: RegistrationConfig
+
+    def refine(
+        self, images: np.ndarray, state: _State, rounds: int, free_spacing: bool = False
+    ) -> _State:
+        """Improve shifts, positions and disparity in turn, and the spacing of columns if free."""
+        filtered, scale = self._filtered(images)
+        for _ in range(rounds):
+            state = self._register(filtered, state, scale)
+            if not free_spacing:
+                state = replace(state, positions=state.positions / self._stretch(state))
+            disparity = _improve_disparity(
+                filtered, self.centre, state.disparity, *_single(state), scale
+            )
+            state = replace(state, disparity=median_filter(np.asarray(disparity), 3))
+        return state
+
+    def _filtered(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return images without slow changes, and the grey difference that counts a quarter."""
+        filtered = np.asarray(_high_pass(images))
+        contrast = float(np.std(filtered[self.centre])) or 1.0
+        return filtered, np.float32(self.settings.residual_scale * contrast)
+
+    def _improved(self, images: np.ndarray, state: _State) -> np.ndarray:
+        """Return the views that fit the centre view clearly better than at their places."""
+        filtered, scale = self._filtered(images)
+        regular = replace(
+            state, positions=self.places * self._stretch(state), shifts=np.zeros_like(state.shifts)
+        )
+        after, before = (
+            np.asarray(
+                _normal_equations(filtered, self.centre, s.disparity, *_single(s), scale)[-1]
+            )
+            for s in (state, regular)
+        )
+        return after < (1 - self.settings.min_improvement) * before
+
+    def is_displaced(self, state: _State, scale: int) -> bool:
+        """Return whether a view is clearly shifted, or not at its place, or like no other one."""
+        limit = self.settings.max_loss_ratio * np.median(np.delete(state.loss, self.centre))
+        displaced = self._shifted(state, scale) | self._moved(state, scale) | (state.loss > limit)
+        return bool(displaced.any())
+
+    def registration(
+        self,
+        images: np.ndarray,
+        state: _State,
+        scale: int,
+        usable: np.ndarray,
+        spacing: float | None,
+    ) -> Registration | None:
+        """Return the corrections that are clear."""
+        improved = self._improved(images, state)
+        shifted, moved = (
+            self._shifted(state, scale) & improved,
+            self._moved(state, scale) & improved,
+        )
+        ratio = 1.0
+        if self.free and spacing is not None:
+            ratio = spacing * self._stretch(state)[1]
+        if not (shifted.any() or moved.any() or ratio != 1.0):
+            return None
+        grid = (*usable.shape, 2)
+        positions = None
+        if moved.any() or ratio != 1.0:
+            regular = view_offsets(*usable.shape) * np.array([1.0, ratio], np.float32)
+            positions = regular.copy()
+            positions[usable] = np.where(moved[:, None], state.positions, regular[usable])
+        shifts = None
+        if shifted.any() or moved.any():
+            shifts = np.zeros(grid, np.float32)
+            # The shift at the mean disparity includes a position that is not corrected.
+            found = np.where(moved[:, None], state.shifts, self._mean_shift(state)) * scale
+            large = np.abs(found).max(-1) >= self.settings.min_correction_px
+            corrected = large & self._significant(state) & improved
+            shifts[usable] = np.where(corrected[:, None], found, 0.0)
+            shifts = shifts if shifts.any() else None
+        everywhere = np.zeros(usable.shape, bool)
+        everywhere[usable] = moved
+        return Registration(float(ratio), positions, shifts, everywhere)
+
+    def _register(self, images: np.ndarray, state: _State, residual: np.ndarray) -> _State:
+        """Make one Lucas-Kanade step for every view."""
+        matrices, vectors, variance, loss = map(
+            np.asarray,
+            _normal_equations(images, self.centre, state.disparity, *_single(state), residual),
+        )
+        matrices = matrices.astype(np.float64)
+        size = np.trace(matrices[:, :2, :2], axis1=1, axis2=2)[:, None] + 1e-12
+        diagonal = np.arange(5)
+        # A position change must earn its place: without spread of disparity it is a shift.
+        matrices[:, diagonal, diagonal] += size * np.array([1e-5, 1e-5, 2e-4, 2e-4, 1e-9])
+        if not self.free:
+            matrices[:, 2:4], matrices[:, :, 2:4] = 0.0, 0.0
+            matrices[:, [2, 3], [2, 3]] = 1.0
+            vectors = np.where(np.isin(diagonal, (2, 3)), 0.0, vectors)
+        step = np.linalg.solve(matrices, vectors[..., None])[..., 0]
+        covariance = np.linalg.inv(matrices)[:, [0, 1], [0, 1]] * variance[:, None]
+        moved = np.clip(step[:, 2:4], -1.0, 1.0)
+        mean = float(state.disparity.mean())
+        shifts = state.shifts + np.clip(step[:, :2], -2.0, 2.0) + mean * moved
+        positions = state.positions + moved
+        shifts[self.centre] = positions[self.centre] = 0.0
+        factor = _common_factor(self.places, positions) if self.free else 1.0
+        constant = _common_factor(self.places, self.places + shifts) - 1.0
+        return _State(
+            (state.disparity - np.float32(constant)) * np.float32(factor),
+            positions / factor,
+            shifts - constant * positions,
+            np.sqrt(np.maximum(covariance, 0.0)),
+            loss,
+        )
+
+    def _stretch(self, state: _State) -> np.ndarray:
+        """Return by how much the rows and the columns are further apart than their places."""
+        stretch = [
+            _common_factor(self.places[:, [axis]], state.positions[:, [axis]]) for axis in (0, 1)
+        ]
+        return np.array(stretch) / stretch[0]
+
+    def _mean_shift(self, state: _State) -> np.ndarray:
+        """Return the shift of each view at the mean disparity, relative to its nominal place."""
+        change = state.positions - self.places * self._stretch(state)
+        return state.shifts - float(state.disparity.mean()) * change
+
+    def _significant(self, state: _State) -> np.ndarray:
+        """Return the views whose shift cannot be explained by noise."""
+        shift = self._mean_shift(state)
+        return np.any(np.abs(shift) > self.settings.significance * state.error, axis=-1)
+
+    def _shifted(self, state: _State, scale: int) -> np.ndarray:
+        """Return the views that are clearly shifted."""
+        large = scale * np.abs(self._mean_shift(state)).max(-1) > self.settings.min_shift_px
+        return large & self._significant(state)
+
+    def _moved(self, state: _State, scale: int) -> np.ndarray:
+        """Return the views whose camera is clearly not at its place in the grid."""
+        change = state.positions - self.places * self._stretch(state)
+        effect = scale * float(state.disparity.std()) * np.abs(change).max(-1)
+        return effect > self.settings.min_position_px
+
+
+def _single(state: _State) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and shifts in single precision."""
+    return state.positions.astype(np.float32), state.shifts.astype(np.float32)
+
+
+def _common_factor(places: np.ndarray, positions: np.ndarray) -> float:
+    """Return the factor of all places that comes closest to the positions, outliers ignored.
+
+    It minimises the sum of the distances (not squared), by repeated weighting.
+    """
+    weight = np.ones(len(places))
+    factor = 1.0
+    for _ in range(20):
+        total = np.sum(weight[:, None] * places**2)
+        if total == 0.0:
+            return 1.0
+        factor = float(np.sum(weight[:, None] * places * positions) / total)
+        distance = np.linalg.norm(positions - factor * places, axis=-1)
+        weight = 1.0 / np.maximum(distance, 0.02)
+    return factor
+
+
+@kept
+def _high_pass(images: Float[Array, "n h w"]) -> Float[Array, "n h w"]:
+    """Subtract the local mean from every image."""
+    return jax.lax.map(lambda image: image - box_mean(image, 4), images)
+
+
+def _residual(
+    image: Float[Array, "h w"],
+    centre: Float[Array, "h w"],
+    disparity: Float[Array, "h w"],
+    position: Float[Array, "2"],
+    shift: Float[Array, "2"],
+    scale: Float[Array, ""],
+) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Return what a view shows too much at each point, its weight, and the slopes of the image."""
+    h, w = centre.shape
+    y = jnp.arange(h, dtype=jnp.float32)[:, None] - disparity * position[0] + shift[0]
+    x = jnp.arange(w, dtype=jnp.float32)[None, :] - disparity * position[1] + shift[1]
+    inside = (y >= 1) & (y <= h - 2) & (x >= 1) & (x <= w - 2)
+    shown = map_coordinates(image, [y, x], order=1, mode="nearest")
+    difference = shown - centre
+    weight = inside.astype(shown.dtype) / (1 + (difference / scale) ** 2) ** 2
+    down, right = jnp.gradient((shown + centre) / 2)
+    return difference, weight, (down, right)
+
+
+@kept
+def _normal_equations(
+    images: Float[Array, "n h w"],
+    centre_index: Int[Array, ""],
+    disparity: Float[Array, "h w"],
+    positions: Float[Array, "n 2"],
+    shifts: Float[Array, "n 2"],
+    scale: Float[Array, ""],
+) -> tuple[Float[Array, "n 5 5"], Float[Array, "n 5"], Float[Array, " n"], Float[Array, " n"]]:
+    """Return the least-squares problem of the changes of each view, residual variance and loss.
+
+    The loss is the mean over the image of a robust function of the grey difference, in [0, 1].
+    The unknowns are the shift at the mean disparity, the position, and the gain of the view.
+    """
+    centre = images[centre_index]
+    relative = disparity - disparity.mean()
+
+    def of_view(view: tuple[Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        difference, weight, (down, right) = _residual(view[0], centre, disparity, *view[1:], scale)
+        slopes = jnp.stack([down, right, -relative * down, -relative * right, centre])
+        weighted = (slopes * weight[None]).reshape(5, -1)
+        matrix = jnp.matmul(weighted, slopes.reshape(5, -1).T, precision="highest")
+        vector = -jnp.matmul(weighted, difference.reshape(-1), precision="highest")
+        variance = (weight * difference**2).sum() / (weight.sum() + 1e-6)
+        return matrix, vector, variance, 1 - weight.mean()
+
+    return jax.lax.map(of_view, (images, positions, shifts))
+
+
+@kept
+def _improve_disparity(
+    images: Float[Array, "n h w"],
+    centre_index: Int[Array, ""],
+    disparity: Float[Array, "h w"],
+    positions: Float[Array, "n 2"],
+    shifts: Float[Array, "n 2"],
+    scale: Float[Array, ""],
+) -> Float[Array, "h w"]:
+    """Make one Lucas-Kanade step of the disparity in windows of 5x5 pixels, from all views."""
+    centre = images[centre_index]
+
+    def add(sums: tuple[Array, Array], view: tuple[Array, Array, Array]):
+        difference, weight, (down, right) = _residual(view[0], centre, disparity, *view[1:], scale)
+        slope = -(view[1][0] * down + view[1][1] * right)
+        return (sums[0] + weight * slope**2, sums[1] - weight * slope * difference), None
+
+    zeros = jnp.zeros_like(disparity)
+    (matrix, vector), _ = jax.lax.scan(add, (zeros, zeros), (images, positions, shifts))
+    matrix, vector = box_mean(matrix, 2), box_mean(vector, 2)
+    return disparity + jnp.clip(vector / (matrix + 0.05 * matrix.mean() + 1e-12), -0.5, 0.5)
+
+
+def _shifted_back(view: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Return a view ``[h, w, c]`` whose content was displaced by ``shift`` at its right place.
+
+    Interpolated by Lanczos' kernel; the border is repeated outwards.
+    """
+    margin = int(np.ceil(np.abs(shift).max())) + 4
+    moved = np.asarray(_translate(view, shift.astype(np.float32), margin=margin))
+    if np.issubdtype(view.dtype, np.integer):
+        return np.clip(np.rint(moved), 0, np.iinfo(view.dtype).max).astype(view.dtype)
+    return np.clip(moved, min(view.min(), 0.0), max(view.max(), 1.0)).astype(view.dtype)
+
+
+@kept
+def _translate(view: Array, shift: Float[Array, "2"], *, margin: int) -> Float[Array, "h w c"]:
+    """Return ``view(y + shift[0], x + shift[1])``."""
+    padded = jnp.pad(
+        view.astype(jnp.float32), ((margin, margin), (margin, margin), (0, 0)), mode="edge"
+    )
+    return jax.image.scale_and_translate(
+        padded, view.shape, (0, 1), jnp.ones(2, jnp.float32), -shift - margin, "lanczos3"
+    )

@@ -1,0 +1,67 @@
+"""Spacing of the view columns, relative to that of the view rows.
+
+The views on the grid row of the centre view show one disparity of each pixel, those on its grid
+column another one. If columns are spaced differently from rows, the two differ by one factor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occjax.layout.consistency import CostVolumes, box_mean
+from occjax.layout.orientation import Orientation
+
+
+def column_spacing(volumes: CostVolumes, orientation: Orientation) -> float | None:
+    """Measure the spacing of the view columns in steps of the view rows.
+
+    The ratio is the slope of the line through the origin that halves the pixels
+    ``(disparity from the column, disparity from the row)``, weighted by their distance from it:
+    small disparities say little about the ratio.
+
+    Args:
+        volumes: Cost volumes of all view orders, computed for equal spacing.
+        orientation: The view order that is assumed.
+
+    Returns:
+        The ratio, positive; None if it cannot be told from 1: few pixels have two clear
+        disparities, the pixels disagree, or the ratio is within their spread.
+    """
+    config = volumes.config.registration
+    on_row, on_column = (volumes.along(on_row, orientation) for on_row in (True, False))
+    if on_row is None or on_column is None:
+        return None
+    across, clear_across = _disparity(on_row, volumes)
+    down, clear_down = _disparity(on_column, volumes)
+    counted = clear_across & clear_down
+    if counted.mean() < config.min_spacing_fraction:
+        return None
+    across, down = across[counted], down[counted]
+    distance = np.hypot(across, down)
+    angle = np.arctan2(np.where(down < 0, -across, across), np.abs(down))
+    order = np.argsort(angle)
+    total = np.cumsum(distance[order])
+    if total[-1] == 0.0:
+        return None
+    quartiles = angle[order][np.searchsorted(total, total[-1] * np.array([0.25, 0.5, 0.75]))]
+    if not 0.0 < quartiles[0] <= quartiles[2] < np.pi / 2:
+        return None
+    low, ratio, high = np.log(np.tan(quartiles))
+    clear = abs(ratio) > max(config.min_spacing_change, high - low)
+    return float(np.exp(ratio)) if clear and high - low < config.max_spacing_spread else None
+
+
+def _disparity(volume: np.ndarray, volumes: CostVolumes) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ``[h, w]`` sub-pixel disparity of lowest cost, and whether it is clear."""
+    config, candidates = volumes.config.registration, volumes.candidates
+    costs = np.stack([box_mean(cost, config.spacing_radius_px) for cost in volume])
+    best = costs.argmin(0)
+    inner = np.clip(best, 1, len(candidates) - 2)
+    before, lowest, after = (
+        np.take_along_axis(costs, inner[None] + step, 0)[0] for step in (-1, 0, 1)
+    )
+    # The minimum of the parabola through three costs.
+    curvature = np.maximum(before - 2 * lowest + after, np.finfo(np.float32).tiny)
+    fraction = np.clip((before - after) / (2 * curvature), -0.5, 0.5)
+    clear = (best == inner) & (lowest < config.clear_minimum * costs.mean(0))
+    return candidates[inner] + fraction * volumes.step, clear

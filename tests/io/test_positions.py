@@ -1,0 +1,70 @@
+"""Camera positions in files next to the views, and the declared spacing."""
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.io import load
+from occjax.lightfield import view_offsets
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """3x4 views of one grey value each: 10 times the row plus the column."""
+    for v, u in np.ndindex(3, 4):
+        iio.imwrite(tmp_path / f"view_{v}_{u}.png", np.full((8, 8, 3), 10 * v + u, np.uint8))
+    return tmp_path
+
+
+def read(folder, **options):
+    return load(folder, check_orientation=False, pattern="view_{v}_{u}.png", **options)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("unit", [1.0, 12.5])
+def test_positions_of_any_unit_become_row_steps(folder, flat, unit):
+    positions = (view_offsets(3, 4) * [1.0, 2.0] + 5.0) * unit
+    np.save(folder / "positions.npy", positions.reshape(-1, 2) if flat else positions)
+    np.testing.assert_allclose(read(folder).positions, view_offsets(3, 4) * [1.0, 2.0], atol=1e-6)
+
+
+def test_a_table_may_have_a_heading(folder):
+    lines = [f"{v},{2 * u}" for v, u in np.ndindex(3, 4)]
+    (folder / "positions.csv").write_text("\n".join(["row,column", *lines]))
+    np.testing.assert_allclose(read(folder).positions, view_offsets(3, 4) * [1.0, 2.0])
+
+
+def test_views_are_ordered_by_their_positions(folder):
+    """The first index of the names is the column, counted from right to left."""
+    v, u = np.mgrid[:3, :4]
+    np.save(folder / "positions.npy", np.stack([u, -v], -1).astype(float))
+    light_field = read(folder)
+    assert light_field.grid == (4, 3)
+    np.testing.assert_array_equal(light_field.positions, view_offsets(4, 3))
+    np.testing.assert_array_equal(light_field.views[..., 0, 0, 0], (10 * v + u).T[:, ::-1])
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        (np.zeros((3, 4, 2)), "all the same"),
+        (np.full((12, 2), np.nan), "not finite"),
+        (np.zeros((11, 2)), r"shape \[11, 2\], not \[3, 4, 2\]"),
+        (np.stack([np.arange(12.0), np.zeros(12)], -1), "have the same position"),
+    ],
+)
+def test_wrong_positions_are_refused(folder, positions, message):
+    np.save(folder / "positions.npy", positions)
+    with pytest.raises(InputError, match=message):
+        read(folder)
+
+
+def test_a_declared_spacing_becomes_positions(folder):
+    expected = view_offsets(3, 4) * [1.0, 0.5]
+    np.testing.assert_allclose(read(folder, spacing=(20, 10)).positions, expected)
+    with pytest.raises(InputError, match="must be two positive numbers"):
+        read(folder, spacing=(1.0, 0.0))
+    np.save(folder / "positions.npy", expected)
+    with pytest.raises(InputError, match="leave out spacing"):
+        read(folder, spacing=(20, 10))
