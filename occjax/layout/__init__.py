@@ -1,6 +1,6 @@
 """View order and disparity range, measured from photo-consistency.
 
-The modules follow the order of the data: :mod:`~occjax.layout.view_brightness` finds the views that
+The modules follow the order of the data: :mod:`~occjax.layout.brightness` finds the views that
 can be used and their gains, :mod:`~occjax.layout.orientation` defines the eight view orders,
 :mod:`~occjax.layout.consistency` compares the views under each of them,
 :mod:`~occjax.layout.disparity_range` estimates the disparities,
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from occjax.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from occjax.layout.brightness import ViewBrightness, view_brightness
     from occjax.layout.config import BrightnessConfig, RegistrationConfig, ViewOrderConfig
     from occjax.layout.orientation import (
         ORIENTATIONS,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
         registered,
         view_order_scores,
     )
-    from occjax.layout.view_brightness import ViewBrightness, view_brightness
 
 __all__ = [
     "ORIENTATIONS",
@@ -71,6 +71,6 @@ __getattr__, __dir__ = lazy_names(
             "registered",
             "view_order_scores",
         ),
-        "occjax.layout.view_brightness": ("ViewBrightness", "view_brightness"),
+        "occjax.layout.brightness": ("ViewBrightness", "view_brightness"),
     },
 )

@@ -25,9 +25,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.errors import InputError
+from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.orientation import Orientation
-from occjax.layout.view_brightness import ViewBrightness
 from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.programs import kept
 

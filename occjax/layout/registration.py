@@ -22,9 +22,9 @@ from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float, Int
 from scipy.ndimage import median_filter
 
+from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import RegistrationConfig, ViewOrderConfig
 from occjax.layout.consistency import box_mean, reduce_image
-from occjax.layout.view_brightness import ViewBrightness
 from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.programs import kept
 
@@ -120,7 +120,8 @@ def register(
     places = (nominal * factors).reshape(-1, 2).astype(np.float64)
     usable = brightness.usable
     images = [
-        reduce_image(brightness.grey(light_field, v, u), scale) for v, u in np.argwhere(usable)
+        reduce_image(brightness.grey(light_field, v, u), scale)
+        for v, u in np.argwhere(usable).tolist()
     ]
     chosen = usable.reshape(-1)
     before_centre = chosen[: np.ravel_multi_index(centre_index(grid), grid)]
@@ -175,7 +176,7 @@ class _Views:
             state = replace(state, disparity=median_filter(np.asarray(disparity), 3))
         return state
 
-    def _filtered(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _filtered(self, images: np.ndarray) -> tuple[np.ndarray, np.floating]:
         """Return images without slow changes, and the grey difference that counts a quarter."""
         filtered = np.asarray(_high_pass(images))
         contrast = float(np.std(filtered[self.centre])) or 1.0
@@ -239,7 +240,7 @@ class _Views:
         everywhere[usable] = moved
         return Registration(float(ratio), positions, shifts, everywhere)
 
-    def _register(self, images: np.ndarray, state: _State, residual: np.ndarray) -> _State:
+    def _register(self, images: np.ndarray, state: _State, residual: np.floating) -> _State:
         """Make one Lucas-Kanade step for every view."""
         matrices, vectors, variance, loss = map(
             np.asarray,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from occjax.errors import InputError
+from occjax.layout.brightness import ViewBrightness, view_brightness
 from occjax.layout.config import BrightnessConfig, ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
@@ -19,7 +20,6 @@ from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
 from occjax.layout.registration import Registration, register
 from occjax.layout.spacing import column_spacing
-from occjax.layout.view_brightness import ViewBrightness, view_brightness
 from occjax.lightfield import LightField, view_offsets
 
 DECLARED = Orientation()

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from occjax.layout.brightness import view_brightness
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import box_mean, view_cross
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import Orientation
-from occjax.layout.view_brightness import view_brightness
 from occjax.lightfield import LightField
 from tests.io.scenes import two_planes
 
