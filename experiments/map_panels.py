@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 
 from experiments.figure_panels import Bar, Panel, coloured, panel_figure, rgb, shrink_step
 from occjax.evaluation import Metrics
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, compare
 from occjax.lightfield import LightField, to_unit_float
-from occjax.results.outputs import compare
 from occjax.viz.canvas import TEXT, whole_zoom
 from occjax.viz.colour import (
     MISSING,

@@ -205,13 +205,15 @@ class LightField:
         object.__setattr__(self, "views", views)
         if self.views.ndim != 5 or self.views.shape[-1] not in (1, 3):
             raise InputError(
-                f"{self.name}: views must be [V, U, H, W, C] with C of 1 or 3, "
-                f"not {list(self.views.shape)}"
+                f"{self.name}: views must be [V, U, H, W] or [V, U, H, W, C] with C of 1 or 3, "
+                f"not {list(self.views.shape)}; reshape or transpose them, for example a list of "
+                "views by views.reshape(V, U, *views.shape[1:])"
             )
         if self.views.size == 0 or not self._has_unit_values():
             raise InputError(
                 f"{self.name}: views must be uint8, uint16 or finite floating point in [0, 1], "
-                f"not {self.views.dtype}{' of another range' * bool(self.views.size)}"
+                f"not {self.views.dtype}{' of another range' * bool(self.views.size)}; scale or "
+                "convert them, for example by views.astype(numpy.uint8) if they are from 0 to 255"
             )
         if self.positions is not None and self.positions.shape != (*self.grid, 2):
             raise InputError(

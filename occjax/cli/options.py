@@ -78,6 +78,7 @@ class ViewOrderOptions:
 
     spacing: Annotated[
         tuple[float, float] | None,
+        pair(float),
         option(
             "Distance of neighbouring view rows and of view columns, in any unit, if they differ.",
             "ROWS COLUMNS",
@@ -85,6 +86,7 @@ class ViewOrderOptions:
     ] = None
     views: Annotated[
         tuple[int, int] | None,
+        pair(int),
         option("Use only so many rows and columns of views around the centre view.", "V U"),
     ] = None
     max_disparity: Annotated[

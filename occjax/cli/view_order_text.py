@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from occjax.layout import Orientation, ViewOrderReport, describe
+from occjax.layout import Orientation, ViewOrderReport
 
 
 def format_report(report: ViewOrderReport, declared: Orientation) -> str:
@@ -33,7 +33,7 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
             "  flipped in addition, the views would be equally consistent"
         )
     if report.registration is not None:
-        lines += [f"views: {sentence}" for sentence in describe(report.registration)]
+        lines += [f"views: {note}" for note in report.registration.notes]
     low, high = report.disparity_range
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"

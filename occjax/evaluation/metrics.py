@@ -142,6 +142,31 @@ def evaluate(
     )
 
 
+def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics | None:
+    """Compute the metrics of an estimate, if there is ground truth to compare it with.
+
+    The border of :func:`default_border` is left out.
+
+    Args:
+        disparity: ``[H, W]`` estimate, pixels per view step.
+        ground_truth: ``[H, W]`` pixels per view step, or None.
+
+    Returns:
+        The metrics; None without finite ground truth inside the border.
+
+    Example:
+        >>> compare(np.full((8, 8), 0.5), np.zeros((8, 8))).mse_x100
+        25.0
+    """
+    if ground_truth is None:
+        return None
+    height, width = disparity.shape
+    border = default_border(disparity.shape)
+    if not np.isfinite(ground_truth[border : height - border, border : width - border]).any():
+        return None
+    return evaluate(disparity, ground_truth, border=border)
+
+
 def bad_pix(
     estimate: np.ndarray,
     ground_truth: np.ndarray,

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from occjax.layout import ViewOrderConfig, view_order_scores
+from occjax.layout import ViewOrderConfig
+from occjax.layout.report import view_order_scores
 from occjax.lightfield import LightField, centre_index, project, to_grey, view_offsets
 
 MIN_TRUTH_RATIO = 1.3

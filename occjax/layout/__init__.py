@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from occjax.layout.report import (
         ViewOrderReport,
         check,
-        describe,
         disparity_range_of,
         registered,
-        view_order_scores,
     )
 
 __all__ = [
@@ -45,11 +43,9 @@ __all__ = [
     "check",
     "declaration",
     "declared_orientation",
-    "describe",
     "disparity_range_of",
     "registered",
     "view_brightness",
-    "view_order_scores",
 ]
 
 __getattr__, __dir__ = lazy_names(
@@ -66,10 +62,8 @@ __getattr__, __dir__ = lazy_names(
         "occjax.layout.report": (
             "ViewOrderReport",
             "check",
-            "describe",
             "disparity_range_of",
             "registered",
-            "view_order_scores",
         ),
         "occjax.layout.brightness": ("ViewBrightness", "view_brightness"),
     },

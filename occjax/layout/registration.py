@@ -50,6 +50,34 @@ class Registration:
     shifts: np.ndarray | None
     moved: np.ndarray
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Messages for the user, one for each kind of correction.
+
+        Example:
+            >>> moved = np.zeros((1, 2), bool)
+            >>> Registration(1.0, None, np.array([[[0.0, 0.0], [0.0, 1.5]]]), moved).notes
+            ('view (0, 1) is shifted against the grid by up to 1.5 pixels; the shift is undone',)
+        """
+        notes = []
+        if self.spacing != 1.0:
+            notes.append(
+                f"the view columns are {self.spacing:.3g} times as far apart as the view rows, "
+                "measured; disparity is per row step; --spacing ROWS COLUMNS declares it"
+            )
+        if self.moved.any():
+            notes.append(
+                f"{_views(self.moved)} taken from other places than those of the grid; the "
+                "measured camera positions are used"
+            )
+        if self.shifts is not None:
+            size = np.abs(self.shifts).max(-1)
+            notes.append(
+                f"{_views(size > 0)} shifted against the grid by up to {size.max():.2g} pixels; "
+                "the shift is undone"
+            )
+        return tuple(notes)
+
     def apply(self, light_field: LightField) -> LightField:
         """Return the light field with the measured positions and with the shifts undone.
 
@@ -63,6 +91,14 @@ class Registration:
             for index in zip(*np.nonzero(self.shifts.any(-1)), strict=True):
                 views[index] = _shifted_back(light_field.views[index], self.shifts[index])
         return replace(light_field, views=views, positions=positions, view_order_report=None)
+
+
+def _views(chosen: np.ndarray) -> str:
+    """Name the chosen views of ``[V, U]`` if they are few, else count them."""
+    places = [f"({v}, {u})" for v, u in np.argwhere(chosen)]
+    if len(places) > 4:
+        return f"{len(places)} of {chosen.size} views are"
+    return f"view{'s' * (len(places) > 1)} {', '.join(places)} {'are' if len(places) > 1 else 'is'}"
 
 
 @dataclass(frozen=True)

@@ -177,38 +177,9 @@ def registered(light_field: LightField) -> tuple[LightField, tuple[str, ...]]:
         return dataclasses.replace(light_field, view_order_report=report), ()
     corrected = report.registration.apply(light_field)
     report_of_corrected = dataclasses.replace(report, registration=None)
-    notes = tuple(describe(report.registration))
-    return dataclasses.replace(corrected, view_order_report=report_of_corrected), notes
-
-
-def describe(registration: Registration) -> list[str]:
-    """Return one sentence for each kind of correction, for the user."""
-    notes = []
-    if registration.spacing != 1.0:
-        notes.append(
-            f"the view columns are {registration.spacing:.3g} times as far apart as the view rows, "
-            "measured; disparity is per row step; --spacing ROWS COLUMNS declares it"
-        )
-    if registration.moved.any():
-        notes.append(
-            f"{_views(registration.moved)} taken from other places than those of the grid; the "
-            "measured camera positions are used"
-        )
-    if registration.shifts is not None:
-        size = np.abs(registration.shifts).max(-1)
-        notes.append(
-            f"{_views(size > 0)} shifted against the grid by up to {size.max():.2g} pixels; "
-            "the shifts were undone"
-        )
-    return notes
-
-
-def _views(chosen: np.ndarray) -> str:
-    """Name the chosen views of ``[V, U]`` if they are few, else count them."""
-    places = [f"({v}, {u})" for v, u in np.argwhere(chosen)]
-    if len(places) > 4:
-        return f"{len(places)} of {chosen.size} views are"
-    return f"view{'s' * (len(places) > 1)} {', '.join(places)} {'are' if len(places) > 1 else 'is'}"
+    return dataclasses.replace(corrected, view_order_report=report_of_corrected), (
+        report.registration.notes
+    )
 
 
 @dataclass(frozen=True, eq=False)

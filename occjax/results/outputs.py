@@ -32,7 +32,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, Metrics, default_border, evaluate
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, Metrics, compare
 from occjax.io.atomic import atomic_folder
 from occjax.io.maps import Map
 from occjax.io.pfm import write_pfm
@@ -149,27 +149,6 @@ def write_outputs(
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
-
-
-def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics | None:
-    """Compute the metrics of an estimate, if there is ground truth to compare it with.
-
-    The border of :func:`occjax.evaluation.default_border` is left out.
-
-    Args:
-        disparity: ``[H, W]`` estimate, pixels per view step.
-        ground_truth: ``[H, W]`` pixels per view step, or None.
-
-    Returns:
-        The metrics; None without finite ground truth.
-    """
-    if ground_truth is None:
-        return None
-    height, width = disparity.shape
-    border = default_border(disparity.shape)
-    if not np.isfinite(ground_truth[border : height - border, border : width - border]).any():
-        return None
-    return evaluate(disparity, ground_truth, border=border)
 
 
 def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:

@@ -20,12 +20,11 @@ from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
 from occjax.estimators import run_estimator
 from occjax.estimators.factory import estimator_of
-from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, compare
 from occjax.io import load
 from occjax.io.atomic import atomic_path
 from occjax.lightfield import LightField, view_offsets
 from occjax.models import ModelConfig
-from occjax.results.outputs import compare
 from occjax.viz.colour import disparity_colours, error_colours, limits
 
 SELECTION_METRIC = f"badpix_{BAD_PIXEL_THRESHOLD:g}"
