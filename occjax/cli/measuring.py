@@ -103,14 +103,12 @@ def check_command(
 ) -> int:
     """Measure the view order and the disparity range of the scene."""
     from occjax.cli.view_order_text import format_report
-    from occjax.layout import check
+    from occjax.layout import ViewOrderConfig, check
 
     light_field = view_order.load(path, check_orientation=False)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
-    from occjax.layout import ViewOrderConfig
-
     declared = declared_orientation(view_order.order, view_order.flip)
     report = check(light_field, ViewOrderConfig(max_disparity_px=view_order.max_disparity))
     print(format_report(report, declared))

@@ -79,8 +79,8 @@ class ProposalEstimator:
         if disparity_range is not None:
             limits = (low, high)
         # Only the selected views are converted: grey of all views takes time.
-        indices = np.transpose(np.unravel_index(selected, light_field.grid)).tolist()
-        grey = np.stack([brightness.grey(light_field, v, u) for v, u in indices])
+        indices = [divmod(int(index), light_field.grid[1]) for index in selected]
+        grey = np.stack([brightness.grey(light_field, *index) for index in indices])
         motion = max(-low, high) * float(np.abs(offsets[..., 0]).max())
         strips = plan_strips(
             light_field.image_size, len(selected), len(candidates), motion, self.config
