@@ -90,6 +90,7 @@ def test_strips_equal_the_whole_image_for_other_networks(config, shape, candidat
         np.testing.assert_allclose(strip.disparity, full.disparity, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_prediction_is_differentiable_and_vmappable(uniform):
     config = dataclasses.replace(FAST, stages=(ROW_OR_COLUMN,))
     variables, views = random_variables(config), uniform(3, 3, 9, 6)
