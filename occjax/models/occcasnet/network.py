@@ -51,7 +51,7 @@ class OccCasNet(nn.Module):
         >>> network = OccCasNet(preset("tiny"))
         >>> views = jnp.zeros((3, 3, 16, 16))
         >>> variables = jax.jit(network.init)(jax.random.key(0), views)
-        >>> [stage.disparity.shape for stage in network.apply(variables, views)]
+        >>> [stage.disparity.shape for stage in jax.jit(network.apply)(variables, views)]
         [(16, 16), (16, 16)]
     """
 

@@ -80,7 +80,8 @@ def predict(
         >>> config = preset("tiny")
         >>> views = jnp.zeros((3, 3, 16, 16))
         >>> variables = jax.jit(OccCasNet(config).init)(jax.random.key(0), views)
-        >>> predict(variables, views, config)[-1].disparity.shape
+        >>> compiled = jax.jit(predict, static_argnames="config")
+        >>> compiled(variables, views, config=config)[-1].disparity.shape
         (16, 16)
     """
     if strip_rows is not None and strip_rows < 1:

@@ -1,5 +1,6 @@
 """Prediction in strips equals the whole image and needs less memory."""
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -20,6 +21,7 @@ from occjax.models import (
 from occjax.models.occcasnet.prediction import rows_of_strip
 from occjax.models.weights import load_weights
 from tests.reference.variables import random_variables
+from tests.training.conftest import NETWORK
 
 CONFIG = preset("tiny", warp="transposed")  # halo of 6 pixels
 
@@ -50,7 +52,10 @@ def test_strips_equal_the_whole_image(case, rows):
         np.testing.assert_allclose(strip.attention, full.attention, rtol=1e-5)
 
 
-STATISTICS = CONFIG.with_stages(attention=False, volume="statistics")
+FAST = preset("tiny", warp="transposed", features=NETWORK.features)
+"""Fewer layers of features: all networks but one differ in their stages."""
+
+STATISTICS = FAST.with_stages(attention=False, volume="statistics")
 ROW_OR_COLUMN = StageConfig(
     (-1.5, -0.25, 0.5), aggregation=AggregationConfig(4, 0), attention=False
 )
@@ -60,10 +65,19 @@ ROW_OR_COLUMN = StageConfig(
     ("config", "shape", "candidates"),
     [
         (STATISTICS, (3, 3, 37, 11), None),
-        (preset("tiny", stages=(ROW_OR_COLUMN,), views=(2, 4)), (2, 4, 19, 6), None),
-        (preset("tiny", stages=(ROW_OR_COLUMN,), views=(5, 1)), (5, 1, 19, 6), None),
+        (dataclasses.replace(FAST, stages=(ROW_OR_COLUMN,), views=(2, 4)), (2, 4, 19, 6), None),
+        pytest.param(
+            dataclasses.replace(FAST, stages=(ROW_OR_COLUMN,), views=(5, 1)),
+            (5, 1, 19, 6),
+            None,
+            marks=pytest.mark.slow,
+        ),
         # A strip reads all rows that its candidates need, also those farther away than configured.
-        (preset("tiny", stages=CONFIG.stages[:1]), (3, 3, 41, 9), (-4.3, -1.8, 0.7, 3.2, 5.7)),
+        (
+            dataclasses.replace(FAST, stages=CONFIG.stages[:1]),
+            (3, 3, 41, 9),
+            (-4.3, -1.8, 0.7, 3.2, 5.7),
+        ),
     ],
     ids=["statistics", "two rows", "a column", "other candidates"],
 )
@@ -76,8 +90,9 @@ def test_strips_equal_the_whole_image_for_other_networks(config, shape, candidat
         np.testing.assert_allclose(strip.disparity, full.disparity, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_prediction_is_differentiable_and_vmappable(uniform):
-    config = preset("tiny", stages=(ROW_OR_COLUMN,))
+    config = dataclasses.replace(FAST, stages=(ROW_OR_COLUMN,))
     variables, views = random_variables(config), uniform(3, 3, 9, 6)
 
     def mean_disparity(views, rows=6):
@@ -100,7 +115,7 @@ def temporary_bytes(run, *arguments):
 
 def test_strips_need_less_memory_than_the_whole_volume():
     stage = StageConfig(sampled(-2.0, 2.0, 0.25), aggregation=AggregationConfig(32, 1))
-    config = preset("tiny", stages=(stage,))
+    config = dataclasses.replace(FAST, stages=(stage,))
     arguments = variable_shapes(config), jax.ShapeDtypeStruct((3, 3, 256, 64), jnp.float32)
     strips, whole = (
         temporary_bytes(partial(predict, config=config, strip_rows=rows), *arguments)
