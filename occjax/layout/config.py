@@ -47,14 +47,17 @@ class RegistrationConfig:
         clear_minimum: Ratio of lowest to mean cost below which a disparity is clear.
         min_shift_px: Shift of a view from which the light field counts as misregistered, in pixels
             of the light field. Rendered ones have at most 0.04, one of a Lytro Illum 0.1.
+        suspicious_shift_px: Shift, in the first measurement, from which the full one is made: the
+            first one underestimates shifts.
         min_position_px: The same for a wrong camera position: standard deviation, over the image,
             of the displacement that it causes. Clean light fields have at most 0.06.
         min_correction_px: Shifts below this are left as they are: resampling costs sharpness.
         significance: Standard errors that a shift must have to be corrected.
         min_improvement: Fraction by which a correction must lower the loss of its view, and another
             spacing the mean grey difference of all views.
-        max_loss_ratio: Loss of a view, relative to the median of all views, from which it may be
-            displaced by more than the first measurement can see. Clean light fields have 1.34.
+        max_loss_ratio: Loss of a view, relative to views equally far from the centre view, from
+            which it may be displaced by more than the first measurement can see. Clean light
+            fields have at most 1.25.
         rounds: Rounds of the first measurement, and of each resolution of the full one.
         residual_scale: Grey difference, relative to the contrast of the centre view, at which a
             pixel counts a quarter.
@@ -66,11 +69,12 @@ class RegistrationConfig:
     spacing_radius_px: int = 3
     clear_minimum: float = 0.4
     min_shift_px: float = 0.2
-    min_position_px: float = 0.15
-    min_correction_px: float = 0.05
+    suspicious_shift_px: float = 0.12
+    min_position_px: float = 0.2
+    min_correction_px: float = 0.1
     significance: float = 5.0
     min_improvement: float = 0.02
-    max_loss_ratio: float = 2.0
+    max_loss_ratio: float = 1.3
     rounds: tuple[int, int] = (2, 4)
     residual_scale: float = 0.4
 

@@ -218,8 +218,8 @@ class _Views:
         contrast = float(np.std(filtered[self.centre])) or 1.0
         return filtered, np.float32(self.settings.residual_scale * contrast)
 
-    def _improved(self, images: np.ndarray, state: _State) -> np.ndarray:
-        """Return the views that fit the centre view clearly better than at their places."""
+    def _improvement(self, images: np.ndarray, state: _State) -> np.ndarray:
+        """Return by which fraction the loss of each view is lower than at its place in the grid."""
         filtered, scale = self._filtered(images)
         regular = replace(
             state, positions=self.places * self._stretch(state), shifts=np.zeros_like(state.shifts)
@@ -230,13 +230,14 @@ class _Views:
             )
             for s in (state, regular)
         )
-        return after < (1 - self.settings.min_improvement) * before
+        return np.asarray((before - after) / np.maximum(before, 1e-6))
 
     def is_displaced(self, state: _State, scale: int) -> bool:
-        """Return whether a view is clearly shifted, or not at its place, or like no other one."""
-        limit = self.settings.max_loss_ratio * np.median(np.delete(state.loss, self.centre))
-        displaced = self._shifted(state, scale) | self._moved(state, scale) | (state.loss > limit)
-        return bool(displaced.any())
+        """Return whether a view may be shifted, or not at its place, or fits worse than others."""
+        misfit = self._relative_loss(state) > self.settings.max_loss_ratio
+        shift = scale * np.abs(self._mean_shift(state)).max(-1)
+        shifted = (shift > self.settings.suspicious_shift_px) & self._significant(state)
+        return bool((shifted | self._moved(state, scale) | misfit).any())
 
     def registration(
         self,
@@ -247,11 +248,9 @@ class _Views:
         spacing: float | None,
     ) -> Registration | None:
         """Return the corrections that are clear."""
-        improved = self._improved(images, state)
-        shifted, moved = (
-            self._shifted(state, scale) & improved,
-            self._moved(state, scale) & improved,
-        )
+        improvement = self._improvement(images, state)
+        clear = improvement > self.settings.min_improvement
+        shifted, moved = self._shifted(state, scale) & clear, self._moved(state, scale) & clear
         ratio = 1.0
         if self.free and spacing is not None:
             ratio = spacing * self._stretch(state)[1]
@@ -269,7 +268,7 @@ class _Views:
             # The shift at the mean disparity includes a position that is not corrected.
             found = np.where(moved[:, None], state.shifts, self._mean_shift(state)) * scale
             large = np.abs(found).max(-1) >= self.settings.min_correction_px
-            corrected = large & self._significant(state) & improved
+            corrected = large & self._significant(state) & (improvement > 0)
             shifts[usable] = np.where(corrected[:, None], found, 0.0)
             shifts = shifts if shifts.any() else None
         everywhere = np.zeros(usable.shape, bool)
@@ -307,6 +306,19 @@ class _Views:
             np.sqrt(np.maximum(covariance, 0.0)),
             loss,
         )
+
+    def _relative_loss(self, state: _State) -> np.ndarray:
+        """Return the loss of each view relative to that of views equally far from the centre view.
+
+        Farther views see more of what is hidden from the centre view.
+        """
+        distance = np.linalg.norm(self.places, axis=-1)
+        others = np.arange(len(distance)) != self.centre
+        if others.sum() < 5:  # Too few to say what is usual.
+            return np.ones(len(distance))
+        slopes = np.stack([np.ones(len(distance)), distance], axis=-1)
+        usual = slopes @ np.linalg.lstsq(slopes[others], state.loss[others])[0]
+        return np.where(others & (usual > 0), state.loss / np.where(usual > 0, usual, 1.0), 1.0)
 
     def _stretch(self, state: _State) -> np.ndarray:
         """Return by how much the rows and the columns are further apart than their places."""

@@ -62,9 +62,9 @@ def test_wrong_positions_are_refused(folder, positions, message):
 
 def test_a_declared_spacing_becomes_positions(folder):
     expected = view_offsets(3, 4) * [1.0, 0.5]
-    np.testing.assert_allclose(read(folder, spacing=(20, 10)).positions, expected)
+    np.testing.assert_allclose(read(folder, spacing=(20.0, 10.0)).positions, expected)
     with pytest.raises(InputError, match="must be two positive numbers"):
         read(folder, spacing=(1.0, 0.0))
     np.save(folder / "positions.npy", expected)
     with pytest.raises(InputError, match="leave out spacing"):
-        read(folder, spacing=(20, 10))
+        read(folder, spacing=(20.0, 10.0))
