@@ -80,7 +80,7 @@ class ProposalNet(nn.Module):
         >>> network = ProposalNet(ProposalConfig(selector=None))
         >>> texture = jax.random.uniform(jax.random.key(0), (16, 24))
         >>> views = jnp.stack([jnp.roll(texture, -k, axis=1) for k in (-1, 0, 1)])[None]
-        >>> output = network.apply({}, views, candidates=jnp.linspace(-2.0, 2.0, 9))
+        >>> output = jax.jit(network.apply)({}, views, candidates=jnp.linspace(-2.0, 2.0, 9))
         >>> round(float(output.disparity[8, 12]), 1)
         1.0
     """
