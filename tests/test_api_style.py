@@ -41,14 +41,6 @@ def section(value, title):
     return found.group(1) if found else ""
 
 
-@pytest.mark.parametrize("package", ["occjax", *(f"occjax.{name}" for name in PACKAGES)])
-def test_public_names_are_listed_once_and_sorted(package):
-    names = importlib.import_module(package).__all__
-    # As Ruff sorts them: constants, then classes, then functions.
-    order = sorted(set(names), key=lambda n: (not n.isupper(), not n[0].isupper(), n))
-    assert list(names) == order
-
-
 @objects
 def test_docstring_begins_with_a_sentence(name):
     first_line = (inspect.getdoc(OBJECTS[name]) or "").split("\n")[0]
@@ -86,12 +78,11 @@ def test_options_are_keyword_only(name):
 
 ROOT = Path(occjax.__file__).parent
 
-BASE = {"errors", "lightfield", "lazy", ""}
-"""What every package may import: errors, conventions, lazy imports, the package itself."""
+BASE = {"errors", "lightfield", ""}
+"""What every package may import: errors, conventions, the package itself."""
 
 MAY_IMPORT = {
     "errors": set(),
-    "lazy": set(),
     "programs": set(),
     "lightfield": {"errors"},
     "view_selection": BASE,

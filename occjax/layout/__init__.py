@@ -8,63 +8,6 @@ can be used and their gains, :mod:`~occjax.layout.orientation` defines the eight
 combines the results.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING
-
-from occjax.lazy import lazy_names
-
-if TYPE_CHECKING:
-    from occjax.layout.brightness import ViewBrightness, view_brightness
-    from occjax.layout.config import BrightnessConfig, RegistrationConfig, ViewOrderConfig
-    from occjax.layout.orientation import (
-        ORIENTATIONS,
-        Orientation,
-        declaration,
-        declared_orientation,
-    )
-    from occjax.layout.registration import Registration
-    from occjax.layout.report import (
-        ViewOrderReport,
-        check,
-        disparity_range_of,
-        registered,
-    )
-
-__all__ = [
-    "ORIENTATIONS",
-    "BrightnessConfig",
-    "Orientation",
-    "Registration",
-    "RegistrationConfig",
-    "ViewBrightness",
-    "ViewOrderConfig",
-    "ViewOrderReport",
-    "check",
-    "declaration",
-    "declared_orientation",
-    "disparity_range_of",
-    "registered",
-    "view_brightness",
-]
-
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        "occjax.layout.config": ("BrightnessConfig", "RegistrationConfig", "ViewOrderConfig"),
-        "occjax.layout.orientation": (
-            "ORIENTATIONS",
-            "Orientation",
-            "declaration",
-            "declared_orientation",
-        ),
-        "occjax.layout.registration": ("Registration",),
-        "occjax.layout.report": (
-            "ViewOrderReport",
-            "check",
-            "disparity_range_of",
-            "registered",
-        ),
-        "occjax.layout.brightness": ("ViewBrightness", "view_brightness"),
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

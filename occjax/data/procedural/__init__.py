@@ -11,31 +11,6 @@
 * :mod:`~occjax.data.procedural.sensor` adds camera defects.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING
-
-from occjax.lazy import lazy_names
-
-if TYPE_CHECKING:
-    from occjax.data.procedural.config import (
-        TEXTURED,
-        Defects,
-        Outlines,
-        SceneConfig,
-        Solids,
-        Textures,
-    )
-    from occjax.data.procedural.generator import generate
-
-__all__ = ["TEXTURED", "Defects", "Outlines", "SceneConfig", "Solids", "Textures", "generate"]
-
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        "occjax.data.procedural.config": (
-            *("TEXTURED", "Defects", "Outlines", "SceneConfig", "Solids", "Textures"),
-        ),
-        "occjax.data.procedural.generator": ("generate",),
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

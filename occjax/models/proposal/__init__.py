@@ -10,55 +10,6 @@ Reading order, which is the order of the data: :mod:`config`, :mod:`exposure`, :
 :mod:`resolution` hold what several steps use.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from typing import TYPE_CHECKING
-
-from occjax.lazy import lazy_names
-
-if TYPE_CHECKING:
-    from occjax.models.proposal.config import (
-        PRESETS,
-        CostConfig,
-        ExposureConfig,
-        NoiseConfig,
-        ProposalConfig,
-        ProposalsConfig,
-        RefinementConfig,
-        SearchConfig,
-        SelectorConfig,
-    )
-    from occjax.models.proposal.network import ProposalNet, ProposalOutput, Selection
-
-__all__ = [
-    "PRESETS",
-    "CostConfig",
-    "ExposureConfig",
-    "NoiseConfig",
-    "ProposalConfig",
-    "ProposalNet",
-    "ProposalOutput",
-    "ProposalsConfig",
-    "RefinementConfig",
-    "SearchConfig",
-    "Selection",
-    "SelectorConfig",
-]
-
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {
-        "occjax.models.proposal.config": (
-            "PRESETS",
-            "CostConfig",
-            "ExposureConfig",
-            "NoiseConfig",
-            "ProposalConfig",
-            "ProposalsConfig",
-            "RefinementConfig",
-            "SearchConfig",
-            "SelectorConfig",
-        ),
-        "occjax.models.proposal.network": ("ProposalNet", "ProposalOutput", "Selection"),
-    },
-)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
