@@ -32,8 +32,7 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
             "  too few occlusions to determine the sign of disparity: with rows and columns\n"
             "  flipped in addition, the views would be equally consistent"
         )
-    if report.registration is not None:
-        lines += [f"views: {note}" for note in report.registration.notes]
+    lines += [f"views: {note}" for note in report.position_notes]
     low, high = report.disparity_range
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"

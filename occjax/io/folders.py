@@ -228,7 +228,9 @@ def _read_ground_truth(
         path = folder / "gt_disp_lowres.pfm"
         return check_ground_truth(path, read_pfm(path), size) if path.is_file() else None
     if layout == "urbanlf":
-        centre = named.matches[centre_index(named.grid)]
+        centre = named.matches.get(centre_index(named.grid))
+        if centre is None:
+            return None
         path = folder / f"{centre['v']}_{centre['u']}_disparity.npy"
         return check_ground_truth(path, read_npy(path), size) if path.is_file() else None
     return None

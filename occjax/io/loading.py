@@ -17,7 +17,12 @@ from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
 from occjax.io.hdr import tone_mapped
-from occjax.io.images import IMAGE_SUFFIXES, PLENOPTIC_SUFFIXES, UNSUPPORTED_SUFFIXES
+from occjax.io.images import (
+    IMAGE_SUFFIXES,
+    PLENOPTIC_REMEDY,
+    PLENOPTIC_SUFFIXES,
+    UNSUPPORTED_SUFFIXES,
+)
 from occjax.io.layouts import FolderLayout, Layout, Mosaic
 from occjax.io.mosaics import read_mosaic
 from occjax.layout import (
@@ -170,11 +175,7 @@ def _read(
         views = tone_mapped(path, read_mosaic(path, grid, cast(Mosaic | None, layout)))
         return LightField(views=views, name=path.stem, source=path)
     if suffix in PLENOPTIC_SUFFIXES:
-        raise InputError(
-            f"{path}: undecoded images of plenoptic cameras are not read; decode it with "
-            "PlenoptiCam and pass its folder viewpoints_*px (pattern '{v}_{u}.png'), or with the "
-            "Light Field Toolbox for MATLAB and pass its file *__Decoded.mat (key 'LF')"
-        )
+        raise InputError(f"{path}: {PLENOPTIC_REMEDY}")
     if suffix in UNSUPPORTED_SUFFIXES:
         raise InputError(f"{path}: {suffix} images are not read; convert it to PNG")
     raise InputError(

@@ -162,7 +162,9 @@ def declared_orientation(order: str, flip: str) -> Orientation:
     """
     order = "vu" if order == "serpentine" else order  # the reader has reversed every second row
     if order not in ("vu", "uv"):
-        raise InputError(f"order is {order!r}; it must be 'vu' (row first) or 'uv' (column first)")
+        raise InputError(
+            f"order is {order!r}; it must be 'vu' (row first), 'uv' (column first) or 'serpentine'"
+        )
     if flip not in ("", "v", "u", "vu", "uv"):
         raise InputError(f"flip is {flip!r}; it must be '', 'v' (rows), 'u' (columns) or 'vu'")
     return Orientation(order == "uv", "v" in flip, "u" in flip)

@@ -59,6 +59,8 @@ class ViewOrderReport:
         registration: Spacing, shifts and camera positions of the views, if they clearly differ from
             those of a regular, rectified grid. Then everything else was measured after their
             correction.
+        relative_spacing: Spacing of the view columns relative to the declared camera positions, if
+            the two clearly disagree; nothing is corrected then.
     """
 
     scores: dict[str, float]
@@ -73,6 +75,18 @@ class ViewOrderReport:
     brightness: ViewBrightness
     max_disparity: float
     registration: Registration | None = None
+    relative_spacing: float | None = None
+
+    @property
+    def position_notes(self) -> tuple[str, ...]:
+        """Messages for the user on camera positions that were corrected or do not fit."""
+        if self.relative_spacing is not None:
+            return (
+                "the declared camera positions do not fit the images: the view columns are "
+                f"{self.relative_spacing:.3g} times as far apart as declared; correct or leave out "
+                "--spacing or the file of the positions",
+            )
+        return () if self.registration is None else self.registration.notes
 
     @property
     def declared_range(self) -> tuple[float, float]:
@@ -117,16 +131,16 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     config = ViewOrderConfig() if config is None else config
     measured = _measure(light_field, config)
     report = measured.report
-    if report.best not in (DECLARED, DECLARED.reversed_sign) or not report.measured_fraction:
+    if report.best not in (DECLARED, DECLARED.reversed_sign):
         return report  # Without the right view order, every view seems to be misplaced.
-    spacing = None
-    respaced = light_field
-    if light_field.positions is None:
-        spacing = column_spacing(measured.volumes, DECLARED)
+    spacing = column_spacing(measured.volumes, DECLARED)
+    if spacing is not None and light_field.positions is not None:
+        return dataclasses.replace(report, relative_spacing=spacing)
+    if not report.measured_fraction:
+        return report
     if spacing is not None:
         offsets = view_offsets(*light_field.grid) * np.array([1.0, spacing], np.float32)
-        respaced = dataclasses.replace(light_field, positions=offsets)
-        measured = _measure(respaced, config)
+        measured = _measure(dataclasses.replace(light_field, positions=offsets), config)
         if not measured.report.measured_fraction:
             return report
     registration = register(
@@ -174,12 +188,12 @@ def registered(light_field: LightField) -> tuple[LightField, tuple[str, ...]]:
         return light_field, ()
     report = check(light_field)
     if report.registration is None:
-        return dataclasses.replace(light_field, view_order_report=report), ()
+        measured = dataclasses.replace(light_field, view_order_report=report)
+        return measured, report.position_notes
     corrected = report.registration.apply(light_field)
     report_of_corrected = dataclasses.replace(report, registration=None)
-    return dataclasses.replace(corrected, view_order_report=report_of_corrected), (
-        report.registration.notes
-    )
+    corrected = dataclasses.replace(corrected, view_order_report=report_of_corrected)
+    return corrected, report.position_notes
 
 
 @dataclass(frozen=True, eq=False)

@@ -252,6 +252,11 @@ def npy_cut_short(path):
     cut(path, -200)
 
 
+def folder_of_raw_files(path):
+    path.mkdir()
+    (path / "IMG.LFR").touch()
+
+
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
@@ -259,6 +264,7 @@ def npy_cut_short(path):
         ("all.gif", lambda path: path.touch(), ["convert it to PNG"]),
         ("scene.xyz", lambda path: path.touch(), ["unknown kind"]),
         ("IMG.LFR", lambda path: path.touch(), ["PlenoptiCam", "{v}_{u}.png", "Light Field Too"]),
+        ("raw", folder_of_raw_files, ["raw/IMG.LFR", "PlenoptiCam"]),
         ("scene.npz", lambda path: path.write_text("no archive"), ["NumPy file"]),
         ("scene.npz", npz_cut_short, ["NumPy file"]),
         ("scene.npy", npy_cut_short, ["NumPy file"]),

@@ -36,7 +36,9 @@ def test_a_different_spacing_of_columns_is_measured(ratio):
 
 def test_declared_positions_are_obeyed():
     light_field = LightField(two_planes(positions=PLACES * [1.0, 2.0])[0], positions=PLACES)
-    assert registered(light_field)[0].positions is PLACES
+    result, (note,) = registered(light_field)
+    assert result.positions is PLACES
+    assert "the view columns are 2 times as far apart as declared" in note
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0])

@@ -8,7 +8,12 @@ from collections.abc import Iterable
 
 from occjax.errors import InputError
 from occjax.io.hdr import HDR_SUFFIXES
-from occjax.io.images import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from occjax.io.images import (
+    IMAGE_SUFFIXES,
+    PLENOPTIC_REMEDY,
+    PLENOPTIC_SUFFIXES,
+    UNSUPPORTED_SUFFIXES,
+)
 from occjax.io.naming.arrangement import (
     GridWarning,
     NamedViews,
@@ -97,9 +102,12 @@ def _propose(folder: str, names: list[str]) -> str:
             f"{folder}: has images in an unsupported format ({first_few(unsupported)}); "
             "convert them to PNG"
         )
+    patterns = propose_patterns(images)
+    undecoded = [name for name in names if name.lower().endswith(PLENOPTIC_SUFFIXES)]
+    if undecoded and not patterns:
+        raise InputError(f"{folder}/{undecoded[0]}: {PLENOPTIC_REMEDY}")
     if not images:
         raise InputError(f"{folder}: has no images{_found(names)}")
-    patterns = propose_patterns(images)
     if len(patterns) == 1:
         warnings.warn(
             f"{folder}: file names read by --pattern {patterns[0]!r}; pass another if it is wrong",
