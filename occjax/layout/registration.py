@@ -117,7 +117,7 @@ class _State:
     def at(self, size: tuple[int, ...]) -> _State:
         """Return the estimate for images that are resampled to ``size``."""
         factor = 2.0 ** round(math.log2(size[0] / self.disparity.shape[0]))
-        disparity = factor * np.asarray(jax.image.resize(self.disparity, size, "linear"))
+        disparity = factor * np.asarray(_resized(self.disparity, size=size))
         shifts, error = factor * self.shifts, factor * self.error
         return _State(disparity, self.positions, shifts, error, self.loss)
 
@@ -369,6 +369,12 @@ def _common_factor(places: np.ndarray, positions: np.ndarray) -> float:
         distance = np.linalg.norm(positions - factor * places, axis=-1)
         weight = 1.0 / np.maximum(distance, 0.02)
     return factor
+
+
+@kept
+def _resized(image: Float[Array, "h w"], *, size: tuple[int, ...]) -> Float[Array, "i j"]:
+    """Resample an image to another size, by linear interpolation."""
+    return jax.image.resize(image, size, "linear")
 
 
 @kept

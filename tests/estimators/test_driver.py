@@ -48,7 +48,8 @@ def test_photometric_estimate_of_a_slanted_plane(estimators, scene):
     assert result.disparity.dtype == np.float32
     assert result.occlusion.shape == (3, 3, 24, 32)
     assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
-    assert phases == ["preparing", "compiling", "estimating", "occlusion maps"]
+    reported = [phase for phase in phases if not phase.startswith("compiling")]
+    assert reported == ["preparing", "loading the program", "estimating", "occlusion maps"]
     assert set(result.seconds) == {"prepare", "compile", "run", "occlusion"}
     assert all(seconds > 0 for seconds in result.seconds.values())
     restored = pickle.loads(pickle.dumps(result))

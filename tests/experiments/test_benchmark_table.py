@@ -35,7 +35,7 @@ def cells(printed):
 @pytest.fixture
 def benchmark(tmp_path):
     """Folder with public ground truth, and with estimates of known errors."""
-    shape = (40, 40)
+    shape = (120, 120)
     for number, scene in enumerate(SCENES):
         folder = tmp_path / "hci" / ("test" if scene in TEST else "training") / scene
         folder.mkdir(parents=True)
@@ -44,7 +44,7 @@ def benchmark(tmp_path):
         write_pfm(tmp_path / f"flat/{scene}.pfm", np.full(shape, number + 0.02, np.float32))
         if scene not in ("dots", "dino"):
             estimate = np.full(shape, number, np.float32)
-            estimate[:, :23] += 0.05  # eight of the ten columns within the border
+            estimate[:, :87] += 0.05  # 72 of the 90 columns within the border
             write_pfm(tmp_path / f"results/{scene}/disparity.pfm", estimate)
     return tmp_path
 
@@ -118,12 +118,12 @@ def test_published_map_of_cotton_has_the_scores_of_the_paper(run, shared, tmp_pa
 
 
 def test_pixels_without_an_estimate_are_reported(run, benchmark):
-    estimate = np.full((40, 40), 0.02, np.float32)
-    estimate[20, 15:18] = np.nan
+    estimate = np.full((120, 120), 0.02, np.float32)
+    estimate[20:29, 15:42] = np.nan  # 243 of the 90x90 pixels within the border
     write_pfm(benchmark / "flat/backgammon.pfm", estimate)
     out = run(f"flat={benchmark / 'flat'}", "--truth", benchmark / "hci")[1]
     assert cells(out)["BadPix 0.07", "flat", "backgammon"] == "3.000"
-    assert "pixels without an estimate: backgammon (3)" in out
+    assert "pixels without an estimate: backgammon (243)" in out
 
 
 def test_smoke_test_has_the_known_scores(run):
