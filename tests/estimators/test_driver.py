@@ -111,7 +111,8 @@ def test_occlusion_maps_are_zero_only_at_the_true_disparity(scene):
     assert 2 * right[..., 4:-4, 4:-4].mean() < wrong[..., 4:-4, 4:-4].mean()
 
 
-@pytest.mark.parametrize("name", [pytest.param("photometric", marks=pytest.mark.slow), "tiny"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["photometric", "tiny"])
 def test_exported_estimator_gives_the_same_result(name, estimators, scene):
     exported = export_estimator(estimators[name], scene, disparity_range=RANGE)
     restored = jax.export.deserialize(exported.serialize())

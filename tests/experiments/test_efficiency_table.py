@@ -13,6 +13,7 @@ from occjax.errors import InputError
 from occjax.models import preset
 
 
+@pytest.mark.slow
 def test_published_numbers_are_reproduced_without_measured_times(capsys):
     rows = efficiency_table.run(networks=("occcasnet", "cas_1"))
     printed = capsys.readouterr().out.splitlines()

@@ -82,6 +82,7 @@ def test_large_views_are_subsampled():
     assert shapes[:2] == [(34, 500)] * 2
 
 
+@pytest.mark.slow
 def test_smoke_test_writes_a_sheet(run, tmp_path):
     code, out, err = run("--small", "-o", tmp_path / "s.png", "--estimators", "photometric")
     assert (code, err) == (0, "")

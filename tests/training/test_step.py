@@ -73,6 +73,7 @@ def differentiated(three_steps, six_steps, source):
     return function
 
 
+@pytest.mark.slow
 def test_metrics_are_those_of_the_weights_before_the_step(
     three_steps, differentiated, six_steps, source
 ):
@@ -92,6 +93,7 @@ def test_metrics_are_those_of_the_weights_before_the_step(
     assert set(reports[2]) == {*errors, "loss", "badpix", "gradient_norm"}
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_the_loss_of_the_whole_batch(three_steps, differentiated):
     """A finite difference along the gradient equals its norm."""
     params = three_steps[0][2].params

@@ -81,7 +81,10 @@ def small_config(fixture, **changes):
 
 
 # Keras continues its numbering when a program builds a second network.
-@pytest.mark.parametrize(("warp", "first_number"), [("correct", 0), ("transposed", 7)])
+@pytest.mark.parametrize(
+    ("warp", "first_number"),
+    [("correct", 0), pytest.param("transposed", 7, marks=pytest.mark.slow)],
+)
 def test_network_agrees_with_independent_implementation(fixture, tmp_path, warp, first_number):
     weights, arrays = fixture
     path = tmp_path / "weights.hdf5"

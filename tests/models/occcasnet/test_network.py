@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 from occjax.models import OccCasNet, preset
+from tests.reference.variables import random_variables
+from tests.training.conftest import NETWORK
 
-TINY = OccCasNet(preset("tiny"))
+TINY = OccCasNet(preset("tiny", features=NETWORK.features))
+
+
+@pytest.fixture(scope="module")
+def tiny_variables():
+    """Variables of the network with few layers of features."""
+    return random_variables(TINY.config)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +48,7 @@ def test_vmap_agrees_with_a_loop(tiny_variables, tiny_views, outputs):
 
 def stem_statistics(variables, views, **changes):
     """Statistics of the first BatchNorm after one training step, and before it."""
-    network = OccCasNet(preset("tiny", **changes))
+    network = OccCasNet(dataclasses.replace(TINY.config, **changes))
 
     def step(views):
         return network.apply(variables, views, train=True, mutable=["batch_stats"])
@@ -98,7 +106,7 @@ def test_transposed_warp_swaps_rows_and_columns_of_the_occlusion_maps(tiny_varia
     views, disparity = tiny_views[0], 0.7 * jnp.ones((12, 14))
 
     def maps(views, warp):
-        network = OccCasNet(preset("tiny", warp=warp))
+        network = OccCasNet(dataclasses.replace(TINY.config, warp=warp))
         return network.apply(tiny_variables, 1, views, disparity, method="occlusion")
 
     transposed = maps(views, "transposed")
@@ -120,7 +128,7 @@ def test_candidates_are_an_argument(tiny_variables, tiny_views, outputs):
 def test_ground_truth_occlusion_needs_and_uses_the_ground_truth(tiny_variables, tiny_views):
     first, second = TINY.config.stages
     stages = (first, dataclasses.replace(second, occlusion="ground_truth"))
-    network, views = OccCasNet(preset("tiny", stages=stages)), tiny_views[0]
+    network, views = OccCasNet(dataclasses.replace(TINY.config, stages=stages)), tiny_views[0]
     with pytest.raises(ValueError, match="ground truth"):
         network.apply(tiny_variables, 1, views, None, method="occlusion")
     truth = jnp.full((12, 14), 0.5)

@@ -113,6 +113,7 @@ def temporary_bytes(run, *arguments):
     return analysis.temp_size_in_bytes
 
 
+@pytest.mark.slow
 def test_strips_need_less_memory_than_the_whole_volume():
     stage = StageConfig(sampled(-2.0, 2.0, 0.25), aggregation=AggregationConfig(32, 1))
     config = dataclasses.replace(FAST, stages=(stage,))

@@ -112,6 +112,7 @@ def test_padding_changes_nothing_inside(variables):
         assert np.median(error) < limit, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arrangement", ["17x17", "crosshair"])
 def test_large_grids_and_crosshairs_find_the_disparity_of_a_wall(arrangement):
     """17 views are used of both: of the grid the two outermost in eight directions."""

@@ -16,6 +16,7 @@ from tests.scenes import plane
 continued_surfaces = jax.jit(proposals._continued_surfaces, static_argnums=(1, 2))
 
 
+@pytest.mark.slow
 def test_all_neighbours_on_one_surface_propose_its_disparity():
     # With a reach of 1, the disparities of a grid of 3x3 views are not scaled.
     config = ProposalConfig(reach=1.0)

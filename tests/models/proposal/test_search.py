@@ -5,6 +5,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from occjax.lightfield import view_offsets
 from occjax.models.proposal import ProposalConfig, search
@@ -22,6 +23,7 @@ def test_volumes_are_interpolated_linearly_within_their_range(uniform):
         np.testing.assert_allclose(found[k, y, x], expected, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_noisy_waves_are_found():
     disparity = 0.5
     grey = GreyViews(noisy_waves(0.02, disparity), jnp.asarray(view_offsets(3, 3)))

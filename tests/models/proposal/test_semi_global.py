@@ -41,6 +41,7 @@ def test_disparity_fills_a_flat_region_up_to_the_edge_of_the_guide():
     np.testing.assert_array_equal(winner, np.repeat([0, 2], [4, 8])[None].repeat(4, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_derivatives_agree_with_finite_differences():
     generator = np.random.default_rng(0)
