@@ -10,8 +10,7 @@ from typing import Any, Literal
 from occjax.errors import InputError
 from occjax.models.occcasnet.config import OccCasNetConfig
 from occjax.models.occcasnet.presets import PRESETS as OCCCASNET_PRESETS
-from occjax.models.proposal.config import PRESETS as PROPOSAL_PRESETS
-from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.config import PRESETS as PROPOSAL_PRESETS, ProposalConfig
 
 ModelConfig = OccCasNetConfig | ProposalConfig
 

@@ -8,8 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from experiments.bench import __main__ as bench
-from experiments.bench import ours, processes
+from experiments.bench import __main__ as bench, ours, processes
 from experiments.bench.candidates import (
     Candidate,
     compare_disparities,

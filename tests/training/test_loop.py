@@ -12,8 +12,7 @@ from safetensors import safe_open
 
 from occjax.errors import InputError
 from occjax.models import load_weights, save_weights
-from occjax.training import RunConfig, read_log, scenes_from_batch, train
-from occjax.training import loop as training_loop
+from occjax.training import RunConfig, loop as training_loop, read_log, scenes_from_batch, train
 from occjax.training.checkpoints import Checkpoints
 from tests.reference.variables import random_variables
 from tests.training.conftest import planes

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import occjax
-from experiments.blender import RenderConfig, find_blender, render_scene
-from experiments.blender import __file__ as package
+from experiments.blender import RenderConfig, __file__ as package, find_blender, render_scene
 from experiments.blender.folder import view_name
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError

@@ -3,8 +3,7 @@
 import pytest
 
 from occjax.models import preset
-from tests.reference.variables import random_proposals as draw
-from tests.reference.variables import random_variables
+from tests.reference.variables import random_proposals as draw, random_variables
 
 
 @pytest.fixture(scope="session")
