@@ -48,7 +48,7 @@ def centre_index(grid: tuple[int, ...]) -> tuple[int, int]:
     return v // 2, u // 2
 
 
-def view_offsets(v: int, u: int) -> np.ndarray:
+def view_offsets(v: int, u: int, *, column_spacing: float = 1.0) -> np.ndarray:
     """Return the offset of each view of a regular grid from the centre view.
 
     Swapping the last axis gives the transposed warp of the published OccCasNet code.
@@ -56,16 +56,19 @@ def view_offsets(v: int, u: int) -> np.ndarray:
     Args:
         v: Number of view rows.
         u: Number of view columns.
+        column_spacing: Distance of neighbouring columns, in steps of the rows.
 
     Returns:
-        ``[v, u, 2]`` float32 offsets ``(row, column)``, in view steps.
+        ``[v, u, 2]`` float32 offsets ``(row, column)``, in view steps; in steps of the rows if the
+        columns have another spacing.
 
     Example:
         >>> view_offsets(3, 3)[0, 2].tolist()
         [-1.0, 1.0]
     """
     indices = np.stack(np.meshgrid(np.arange(v), np.arange(u), indexing="ij"), axis=-1)
-    return (indices - np.array(centre_index((v, u)))).astype(np.float32)
+    offsets = (indices - np.array(centre_index((v, u)))).astype(np.float32)
+    return offsets * np.array([1.0, column_spacing], np.float32)
 
 
 def project(y: Any, x: Any, disparity: Any, offset: Any) -> tuple[Any, Any]:

@@ -66,11 +66,19 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def call(*arguments: Any, **static: Any) -> Any:
-        leaves, structure = jax.tree.flatten(arguments)
-        shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        return compiled(structure, shapes, tuple(sorted(static.items())))(*arguments)
+        return compiled(*signature(arguments), tuple(sorted(static.items())))(*arguments)
 
     return call
+
+
+def signature(arguments: tuple) -> tuple[Any, tuple[jax.ShapeDtypeStruct, ...]]:
+    """Return the tree structure of arguments, and the shapes and types of their leaves.
+
+    Args:
+        arguments: Arrays or trees of arrays.
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    return structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
 
 
 def load_or_compile(

@@ -128,9 +128,7 @@ def run_estimator(
         phase("compile", "loading the program"),
         programs.reporting(lambda: report_phase(compiling)),
     ):
-        leaves, structure = jax.tree.flatten(arguments)
-        shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        compiled = _compile(estimator, structure, shapes)
+        compiled = _compile(estimator, *programs.signature(arguments))
     with phase("run", "estimating"):
         outputs = jax.tree.map(np.asarray, jax.block_until_ready(compiled(*arguments)))
     result = estimator.finish(inputs, outputs)

@@ -25,8 +25,8 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
     Returns:
         The views in the order of the library, and their positions ``[V, U, 2]`` float32
         ``(row, column)`` relative to the centre view. Missing views have the position of a regular
-        grid. The unit of both axes is the mean spacing of
-        neighbouring cameras, as disparity has one unit for both.
+        grid. The unit of both axes is the mean spacing of neighbouring cameras, as disparity has
+        one unit for both.
 
     Raises:
         InputError: If neighbouring cameras have the same position.

@@ -25,13 +25,14 @@ UNSUPPORTED_SUFFIXES = (
 """Suffixes of unsupported image files, for messages."""
 
 PLENOPTIC_SUFFIXES = (".lfr", ".lfp", ".raw")
+"""Suffixes of undecoded images of plenoptic cameras, for messages."""
 
 PLENOPTIC_REMEDY = (
     "undecoded images of plenoptic cameras are not read; decode it with PlenoptiCam and pass its "
     "folder viewpoints_*px (pattern '{v}_{u}.png'), or with the Light Field Toolbox for MATLAB and "
     "pass its file *__Decoded.mat (key 'LF')"
 )
-"""Suffixes of undecoded images of plenoptic cameras, for messages."""
+"""End of the message on such a file: what to do with it."""
 
 _TIFF_BLACK, _TIFF_RGB = 1, 2  # values of the tag PhotometricInterpretation
 _TIFF_JPEG = 7  # value of the tag Compression

@@ -193,7 +193,7 @@ def _spaced(path: Path, light_field: LightField, spacing: tuple[float, float]) -
         raise InputError(
             f"{path}: has camera positions; leave out spacing, or remove the positions"
         )
-    offsets = view_offsets(*light_field.grid) * np.array([1.0, columns / rows], np.float32)
+    offsets = view_offsets(*light_field.grid, column_spacing=columns / rows)
     return dataclasses.replace(light_field, positions=offsets)
 
 

@@ -145,6 +145,7 @@ class ViewOrderConfig:
         wrong_grid_disparity: See ``wrong_grid_fraction``, in pixels per view step.
         wrong_grid_span: Range of disparity, relative to the largest candidate, above which views
             that are equally consistent in all view orders are not a light field.
+        brightness: Settings of the measurement of brightness.
         registration: Settings of the measurement of view spacing, shifts and camera positions.
     """
 
@@ -182,4 +183,5 @@ class ViewOrderConfig:
     wrong_grid_fraction: float = 0.85
     wrong_grid_disparity: float = 0.3
     wrong_grid_span: float = 1.6
+    brightness: BrightnessConfig = BrightnessConfig()
     registration: RegistrationConfig = RegistrationConfig()

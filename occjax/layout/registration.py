@@ -151,9 +151,9 @@ def register(
     """
     settings = config.registration
     grid = light_field.grid
-    nominal = view_offsets(*grid) if light_field.positions is None else light_field.positions
-    factors = np.array([1.0, spacing or 1.0])
-    places = (nominal * factors).reshape(-1, 2).astype(np.float64)
+    positions = light_field.positions
+    nominal = view_offsets(*grid, column_spacing=spacing or 1.0) if positions is None else positions
+    places = nominal.reshape(-1, 2).astype(np.float64)
     usable = brightness.usable
     images = [
         reduce_image(brightness.grey(light_field, v, u), scale)
@@ -165,7 +165,7 @@ def register(
     pyramid = [np.stack(images)]
     while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * MIN_SIZE_PX:
         pyramid.insert(0, np.stack([reduce_image(image, 2) for image in pyramid[0]]))
-    views = _Views(places[chosen], centre, light_field.positions is None, settings)
+    views = _Views(places[chosen], centre, positions is None, settings)
 
     state = _State(
         (median_filter(disparity, 3) / scale).astype(np.float32),
@@ -259,7 +259,8 @@ class _Views:
         grid = (*usable.shape, 2)
         positions = None
         if moved.any() or ratio != 1.0:
-            regular = view_offsets(*usable.shape) * np.array([1.0, ratio], np.float32)
+            rows, columns = usable.shape
+            regular = view_offsets(rows, columns, column_spacing=ratio)
             positions = regular.copy()
             positions[usable] = np.where(moved[:, None], state.positions, regular[usable])
         shifts = None

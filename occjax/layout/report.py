@@ -13,7 +13,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.layout.brightness import ViewBrightness, view_brightness
-from occjax.layout.config import BrightnessConfig, ViewOrderConfig
+from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
@@ -139,7 +139,7 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     if not report.measured_fraction:
         return report
     if spacing is not None:
-        offsets = view_offsets(*light_field.grid) * np.array([1.0, spacing], np.float32)
+        offsets = view_offsets(*light_field.grid, column_spacing=spacing)
         measured = _measure(dataclasses.replace(light_field, positions=offsets), config)
         if not measured.report.measured_fraction:
             return report
@@ -217,7 +217,7 @@ def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:
     """Measure view order and disparity range of the light field as it is."""
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
-    brightness = view_brightness(light_field, BrightnessConfig())
+    brightness = view_brightness(light_field, config.brightness)
     config, coarse = _search(light_field, brightness, config)
     rough = measure_disparity(coarse, _most_consistent(_scores(coarse), config))
     largest = float(coarse.candidates[-1])

@@ -7,9 +7,11 @@ column another one. If columns are spaced differently from rows, the two differ 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Array, Float
 
 from occjax.layout.consistency import CostVolumes, box_mean
 from occjax.layout.orientation import Orientation
+from occjax.programs import kept
 
 
 def column_spacing(volumes: CostVolumes, orientation: Orientation) -> float | None:
@@ -56,12 +58,14 @@ def _disparity(volume: np.ndarray, volumes: CostVolumes) -> tuple[np.ndarray, np
     config, candidates = volumes.config.registration, volumes.candidates
     costs = np.stack([box_mean(cost, config.spacing_radius_px) for cost in volume])
     best = costs.argmin(0)
-    inner = np.clip(best, 1, len(candidates) - 2)
-    before, lowest, after = (
-        np.take_along_axis(costs, inner[None] + step, 0)[0] for step in (-1, 0, 1)
-    )
-    # The minimum of the parabola through three costs.
-    curvature = np.maximum(before - 2 * lowest + after, np.finfo(np.float32).tiny)
-    fraction = np.clip((before - after) / (2 * curvature), -0.5, 0.5)
-    clear = (best == inner) & (lowest < config.clear_minimum * costs.mean(0))
-    return candidates[inner] + fraction * volumes.step, clear
+    inside = (best > 0) & (best < len(candidates) - 1)
+    clear = inside & (costs.min(0) < config.clear_minimum * costs.mean(0))
+    return np.asarray(_winner(costs, candidates.astype(np.float32))), clear
+
+
+@kept
+def _winner(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Float[Array, "h w"]:
+    """Return the disparity of lowest cost."""
+    from occjax.ops import winner_takes_all  # only when it is traced
+
+    return winner_takes_all(costs, candidates)
