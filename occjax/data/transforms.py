@@ -104,21 +104,6 @@ def transform_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightField
     )
 
 
-def rotate(sample: LightFieldSample, quarter_turns: int) -> LightFieldSample:
-    """Rotate a light field counterclockwise: pixels and views together, as ``np.rot90`` an image.
-
-    Args:
-        sample: One sample (no batch axis) of NumPy or JAX arrays.
-        quarter_turns: Number of turns by 90 degrees.
-
-    Returns:
-        The rotated sample.
-    """
-    for _ in range(quarter_turns % 4):
-        sample = transform_sample(transform_sample(sample, "transpose"), "flip_rows")
-    return sample
-
-
 def crop(
     sample: LightFieldSample, corner: Int[Array, "2"], size: tuple[int, int]
 ) -> LightFieldSample:
