@@ -64,7 +64,7 @@ ADDITIONAL = (
 VALIDATION = (*STRATIFIED, *TRAINING)
 
 SMALL_TRAINING, SMALL_VALIDATION = ("antinous", "kitchen"), ("boxes",)
-SMALL_STEPS = 4
+SMALL_STEPS = 2
 
 
 def run(
