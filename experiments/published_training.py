@@ -147,30 +147,14 @@ def published_patch(generator: np.random.Generator, scenes: Sequence[Scene]) -> 
 
 
 def published_gamma(generator: np.random.Generator, sample: LightFieldSample) -> LightFieldSample:
-    """Raise the views to a power drawn from U(0.8, 1.2).
-
-    Args:
-        generator: Source of randomness.
-        sample: One sample.
-
-    Returns:
-        The darker or brighter sample.
-    """
+    """Raise the views to a power drawn from U(0.8, 1.2)."""
     return sample._replace(views=sample.views ** np.float32(generator.uniform(0.8, 1.2)))
 
 
 def published_symmetry(
     generator: np.random.Generator, sample: LightFieldSample
 ) -> LightFieldSample:
-    """Flip rows with probability 1/2, then rotate by 0 to 3 right angles; pixels and views.
-
-    Args:
-        generator: Source of randomness.
-        sample: One sample of square patches.
-
-    Returns:
-        The sample or one of its seven mirror images and rotations.
-    """
+    """Flip rows with probability 1/2, then rotate by 0 to 3 right angles; pixels and views."""
     if generator.integers(2):
         sample = transform_sample(sample, "flip_rows")
     for _ in range(generator.integers(4)):
@@ -181,12 +165,7 @@ def published_symmetry(
 def published_noise(generator: np.random.Generator, sample: LightFieldSample) -> LightFieldSample:
     """Add Gaussian noise to one in twelve samples, of standard deviation U(0, 1) sqrt(0.2).
 
-    Args:
-        generator: Source of randomness.
-        sample: One sample.
-
-    Returns:
-        The sample, its views clipped to [0, 1].
+    The views are clipped to [0, 1].
     """
     if generator.uniform() >= NOISE_PROBABILITY:
         return sample
