@@ -35,6 +35,8 @@ def pytest_configure(config):
         os.environ[XLA_CACHE] = folder = tempfile.mkdtemp(prefix="occjax-tests-xla-")
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
         config.add_cleanup(lambda: os.environ.pop(XLA_CACHE, None))
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.environ[XLA_CACHE])  # of child processes
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
     jax.config.update("jax_compilation_cache_dir", os.environ[XLA_CACHE])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 

@@ -38,11 +38,11 @@ from experiments.cut_outs import SMALL_SIZE_PX, cut_out
 from experiments.hci_scenes import MASKS, REFLECTIVE, every_scene, shared_masks, with_mask
 from experiments.markdown import markdown_table, write_text
 from experiments.networks import TABLE_3, small_form
+from experiments.published_training import published_source
 from experiments.submission import STRATIFIED, TRAINING
 from experiments.training_rows import Scores, base_recipe
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
-from occjax.data.folders import published_source
 from occjax.data.scenes import GROUND_TRUTH, load_scenes
 from occjax.errors import InputError
 from occjax.estimators import run_estimator
@@ -64,7 +64,7 @@ ADDITIONAL = (
 VALIDATION = (*STRATIFIED, *TRAINING)
 
 SMALL_TRAINING, SMALL_VALIDATION = ("antinous", "kitchen"), ("boxes",)
-SMALL_STEPS = 4
+SMALL_STEPS = 2
 
 
 def run(

@@ -15,8 +15,10 @@ from tyro.conf import arg
 
 from experiments.command_line import Small, announce_smoke_test
 from experiments.networks import Published, small_form
+from experiments.published_training import published_recipe, published_source
 from occjax.cli.options import option
 from occjax.data.procedural import Defects, Outlines, SceneConfig, Textures
+from occjax.data.scenes import load_scenes
 from occjax.errors import InputError
 from occjax.io.run_folder import read_description
 from occjax.lightfield import LightField
@@ -108,7 +110,10 @@ class Training:
 
         @cache
         def source(seed: int) -> BatchSource:
-            return make_source(replace(base.data, seed=seed), network)
+            if self.recipe == "full" or self.small:
+                return make_source(replace(base.data, seed=seed), network)
+            scenes = load_scenes(base.data.folders, views=network.views)
+            return published_source(scenes, base.data.batch_size, seed)
 
         results = {}
         for name, row in rows.items():
@@ -138,7 +143,7 @@ def base_recipe(name: RecipeName, *, data: Sequence[Path] = (), steps: int | Non
         >>> base_recipe("full", steps=100).train.optimiser.warm_up
         25
     """
-    base = recipe(name)
+    base = published_recipe() if name == "published" else recipe(name)
     if name == "published" and not data:
         raise InputError(
             "the published training needs the 16 additional scenes of the HCI benchmark: pass "

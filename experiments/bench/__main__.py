@@ -63,7 +63,7 @@ from experiments.networks import SCORE_SCALE, small_form
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
 from occjax.estimators.factory import Precision
-from occjax.evaluation import bad_pix
+from occjax.evaluation import evaluate
 from occjax.models import preset
 
 SMALL_PRODUCT_SIDE = 256
@@ -112,8 +112,8 @@ def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list
     truth = small_sample(side).ground_truth
 
     def bad_pixels(answer: np.ndarray, reference: np.ndarray) -> dict[str, float]:
-        scores = {"float32": bad_pix(reference, truth, BAD_PIXEL_THRESHOLD)}
-        scores[precision] = bad_pix(answer, truth, BAD_PIXEL_THRESHOLD)
+        scores = {"float32": evaluate(reference, truth).badpix[BAD_PIXEL_THRESHOLD]}
+        scores[precision] = evaluate(answer, truth).badpix[BAD_PIXEL_THRESHOLD]
         change = scores[precision] - scores["float32"]
         largest = float(np.abs(answer - reference).max())
         return {"change": change, "largest difference": largest, **scores}

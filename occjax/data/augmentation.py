@@ -130,15 +130,7 @@ def augment_batch(
 def random_crop(
     key: Key[Array, ""], sample: LightFieldSample, size: tuple[int, int]
 ) -> LightFieldSample:
-    """Cut a patch out of a sample at a random position.
-
-    Args:
-        key: Random key.
-        sample: One sample (no batch axis).
-        size: ``(h, w)`` of the patch, in pixels.
-
-    Returns:
-        The patch.
+    """Cut a patch of ``(h, w)`` pixels out of a sample at a random position.
 
     Raises:
         InputError: If the views are smaller than the patch.
@@ -150,16 +142,7 @@ def random_crop(
 def random_symmetry(
     key: Key[Array, ""], sample: LightFieldSample, *, flips: bool = True, turns: bool = True
 ) -> LightFieldSample:
-    """Flip and transpose a sample at random, pixels and views together.
-
-    Args:
-        key: Random key.
-        sample: One sample (no batch axis).
-        flips: Whether rows and columns are each reversed with probability 1/2.
-        turns: Whether patches are transposed with probability 1/2; they must be square.
-
-    Returns:
-        The sample, or one of its mirror images and rotations.
+    """Flip and transpose a sample, pixels and views together, each with probability 1/2.
 
     Raises:
         InputError: If a patch that is not square would be transposed.
@@ -183,13 +166,7 @@ def random_tone(
 ) -> LightFieldSample:
     """Change the exposure of a sample: ``contrast * (views ** gamma - 1/2) + 1/2 + brightness``.
 
-    Args:
-        key: Random key.
-        sample: One sample (no batch axis).
-        config: Largest gamma, contrast and brightness.
-
-    Returns:
-        The sample, its views clipped to [0, 1].
+    The views are clipped to [0, 1].
     """
     if config.gamma == config.contrast == 1.0 and config.brightness == 0.0:
         return sample
@@ -206,13 +183,7 @@ def random_noise(
 ) -> LightFieldSample:
     """Add Gaussian noise of random strength, independent in every pixel of every view.
 
-    Args:
-        key: Random key.
-        sample: One sample (no batch axis).
-        config: Largest standard deviation, drawn uniformly from 0, and probability of noise.
-
-    Returns:
-        The sample, its views clipped to [0, 1].
+    The views are clipped to [0, 1].
     """
     if config.noise == 0.0 or config.noise_probability == 0.0:
         return sample

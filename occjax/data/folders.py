@@ -13,7 +13,6 @@ from threading import Lock
 import numpy as np
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.published_augmentation import published_sample
 from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
 from occjax.data.scenes import Scene
 from occjax.data.sources import Source, augment_for_step, check_batch_size
@@ -51,46 +50,29 @@ def folder_source(
     if not scenes:
         raise InputError("there are no scenes to draw patches from")
     draw = partial(_random_window, scenes, augmentation)
-    windows = _grain_batches(draw, batch_size, seed, threads)
+    windows = grain_batches(draw, batch_size, seed, threads)
     return lambda step: augment_for_step(to_device(windows(step)), augmentation, seed, step)
 
 
-def published_source(
-    scenes: Sequence[Scene], batch_size: int, seed: int, *, threads: int = 2
-) -> Source:
-    """Return a source of patches with the augmentation of the published network.
-
-    See :func:`occjax.data.published_augmentation.published_sample`.
-
-    Args:
-        scenes: The additional scenes of the HCI benchmark, or others.
-        batch_size: Patches per step.
-        seed: Seed of everything that is drawn; 0 to 2^32 - 1.
-        threads: Number of threads that prepare patches ahead; 0 prepares them when needed.
-
-    Returns:
-        The source.
-
-    Raises:
-        InputError: If the seed is out of range or grain is missing; when called, if there are no
-            scenes or none has an acceptable patch.
-    """
-    check_batch_size(batch_size)
-    draw = partial(published_sample, scenes=scenes)
-    batches = _grain_batches(draw, batch_size, seed, threads)
-    return lambda step: to_device(batches(step))
-
-
-def _grain_batches(
+def grain_batches(
     draw: Callable[[np.random.Generator], LightFieldSample],
     batch_size: int,
     seed: int,
     threads: int,
 ) -> Callable[[int], LightFieldSample]:
-    """Return a function from the step to its batch of samples from ``draw``.
+    """Return a function from the step to its batch of random samples.
 
     Threads prepare consecutive steps ahead, two batches each. Any other step can be requested;
     preparation then continues from there.
+
+    Args:
+        draw: Function that draws one sample of NumPy arrays.
+        batch_size: Samples per step.
+        seed: Seed of everything that is drawn; 0 to 2^32 - 1.
+        threads: Number of threads that prepare samples ahead; 0 prepares them when needed.
+
+    Raises:
+        InputError: If the seed is out of range or grain is missing.
     """
     try:
         import grain

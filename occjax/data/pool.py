@@ -9,6 +9,7 @@ rendering can be interrupted and resumed, a pool can be enlarged, and a file can
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -107,19 +108,36 @@ def pool_source(
     check_batch_size(batch_size)
     files = light_field_files(folder)
 
-    @lru_cache(maxsize=2)
-    def order(epoch: int) -> np.ndarray:
-        return np.random.default_rng((seed, epoch)).permutation(len(files))
+    item = shuffled(len(files), seed)
 
     def source(step: int) -> LightFieldSample:
-        samples = []
-        for number in range(step * batch_size, (step + 1) * batch_size):
-            epoch, place = divmod(number, len(files))
-            sample = read_sample(files[order(epoch)[place]])
-            samples.append(select_views(sample, views))
+        samples = [
+            select_views(read_sample(files[item(draw)]), views)
+            for draw in range(step * batch_size, (step + 1) * batch_size)
+        ]
         return augment_for_step(to_device(stack_samples(samples)), augmentation, seed, step)
 
     return source
+
+
+def shuffled(count: int, seed: int) -> Callable[[int], int]:
+    """Return the item of each draw: all items in random order, then in another one, and so on.
+
+    Args:
+        count: Number of items.
+        seed: Seed of the orders.
+
+    Example:
+        >>> item = shuffled(3, seed=0)
+        >>> sorted(item(draw) for draw in range(3, 6))
+        [0, 1, 2]
+    """
+
+    @lru_cache(maxsize=2)
+    def order(epoch: int) -> np.ndarray:
+        return np.random.default_rng((seed, epoch)).permutation(count)
+
+    return lambda draw: int(order(draw // count)[draw % count])
 
 
 def light_field_files(folder: str | Path) -> list[Path]:
@@ -147,11 +165,7 @@ def light_field_files(folder: str | Path) -> list[Path]:
 
 
 def write_sample(path: str | Path, sample: LightFieldSample) -> None:
-    """Write one sample; grey values are rounded to 8 bits.
-
-    Args:
-        path: The ``.npz`` file.
-        sample: One sample (no batch axis).
+    """Write one sample (no batch axis) to an ``.npz`` file; grey values are rounded to 8 bits.
 
     Raises:
         InputError: If the file cannot be written.
@@ -168,13 +182,7 @@ def write_sample(path: str | Path, sample: LightFieldSample) -> None:
 
 
 def read_sample(path: str | Path) -> LightFieldSample:
-    """Read a sample that :func:`write_sample` wrote.
-
-    Args:
-        path: The ``.npz`` file.
-
-    Returns:
-        The sample, of NumPy arrays.
+    """Read a sample that :func:`write_sample` wrote, as NumPy arrays.
 
     Raises:
         InputError: If the file cannot be read or is damaged.

@@ -66,13 +66,7 @@ def numpy_sample(
 
 
 def stack_samples(samples: Sequence[LightFieldSample]) -> LightFieldSample:
-    """Stack samples of NumPy arrays into a batch.
-
-    Args:
-        samples: Samples of equal shape.
-
-    Returns:
-        The batch, of NumPy arrays.
+    """Stack samples of NumPy arrays into a batch of NumPy arrays.
 
     Raises:
         InputError: If the samples differ in the number or the size of their views.

@@ -201,17 +201,7 @@ def shares(weights: Sequence[float], total: int) -> list[int]:
 def augment_for_step(
     batch: LightFieldSample, augmentation: AugmentationConfig | None, seed: int, step: int
 ) -> LightFieldSample:
-    """Augment a batch with the random keys of a step.
-
-    Args:
-        batch: The samples.
-        augmentation: Random augmentation; None leaves the batch unchanged.
-        seed: Seed of the source.
-        step: Number of the step.
-
-    Returns:
-        The batch.
-    """
+    """Augment a batch with the random keys of a step; without augmentation, return it unchanged."""
     if augmentation is None:
         return batch
     # The last number keeps these keys apart from those that light fields are rendered with.
@@ -221,14 +211,7 @@ def augment_for_step(
 
 
 def check_batch_size(batch_size: int) -> None:
-    """Raise an error if a batch has no samples.
-
-    Args:
-        batch_size: Number of samples.
-
-    Raises:
-        InputError: If it is not positive.
-    """
+    """Raise an :class:`InputError` if the size of a batch is not positive."""
     if batch_size < 1:
         raise InputError(f"batch_size is {batch_size}; it must be at least 1")
 

@@ -7,16 +7,17 @@ images alone would reverse or exchange the directions of the view offsets.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
-from occjax.lightfield import project
+from occjax.kernels.bilinear import inside_view
 
 Symmetry = Literal["transpose", "flip_rows", "flip_columns"]
 """``transpose`` exchanges rows and columns; ``flip_rows`` turns upside down; ``flip_columns``
@@ -103,21 +104,6 @@ def transform_sample(sample: LightFieldSample, symmetry: Symmetry) -> LightField
     )
 
 
-def rotate(sample: LightFieldSample, quarter_turns: int) -> LightFieldSample:
-    """Rotate a light field counterclockwise: pixels and views together, as ``np.rot90`` an image.
-
-    Args:
-        sample: One sample (no batch axis) of NumPy or JAX arrays.
-        quarter_turns: Number of turns by 90 degrees.
-
-    Returns:
-        The rotated sample.
-    """
-    for _ in range(quarter_turns % 4):
-        sample = transform_sample(transform_sample(sample, "transpose"), "flip_rows")
-    return sample
-
-
 def crop(
     sample: LightFieldSample, corner: Int[Array, "2"], size: tuple[int, int]
 ) -> LightFieldSample:
@@ -148,7 +134,7 @@ def crop(
 
     disparity = cut(sample.disparity)
     unknown = jnp.all(sample.visibility)
-    inside = _inside_window(disparity, sample.offsets)
+    inside = jax.vmap(jax.vmap(partial(inside_view, disparity)))(sample.offsets)
     return LightFieldSample(
         views=cut(sample.views),
         offsets=sample.offsets,
@@ -156,21 +142,3 @@ def crop(
         visibility=cut(sample.visibility) & (inside | unknown),
         valid=cut(sample.valid),
     )
-
-
-def _inside_window(
-    disparity: Float[Array, "h w"], offsets: Float[Array, "v u 2"]
-) -> Bool[Array, "v u h w"]:
-    """Return whether each view sees the points of the centre view inside its own image.
-
-    The image ends at the centres of the outermost pixels.
-    """
-    h, w = disparity.shape
-    rows = jnp.arange(h, dtype=disparity.dtype)[:, None]
-    columns = jnp.arange(w, dtype=disparity.dtype)[None, :]
-
-    def inside(offset):
-        y, x = project(rows, columns, disparity, offset)
-        return (y >= 0.0) & (y <= h - 1.0) & (x >= 0.0) & (x <= w - 1.0)
-
-    return jax.vmap(jax.vmap(inside))(offsets)

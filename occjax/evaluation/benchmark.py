@@ -42,8 +42,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial, reduce
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,20 +54,12 @@ from occjax.evaluation.metrics import (
     BAD_PIXEL_THRESHOLD,
     BORDER,
     THRESHOLDS,
-    bad_pix,
+    Metrics,
     compared_pixels,
-    mean_squared_error,
-    q25,
+    evaluate,
 )
 from occjax.evaluation.normals import angular_errors
-from occjax.evaluation.regions import (
-    bumpiness,
-    fattening,
-    foreground_fattening,
-    foreground_thinning,
-    missed_dots,
-    thinning,
-)
+from occjax.evaluation.regions import bumpiness, fattening, missed_dots, wrong_layer
 from occjax.evaluation.scene_files import (
     GROUND_TRUTH,
     MissingFileError,
@@ -219,23 +212,29 @@ class _Comparison:
             self.masks[name] = mask
         return self.masks[name]
 
-    def score(self, measure: Callable[..., float], *regions: str, **options: object) -> float:
+    def score(self, measure: Callable[..., Any], *regions: str, **options: object) -> Any:
         """Return a measure in the union of regions; everywhere without a region."""
         mask = self.mask(*regions) if regions else None
         return measure(self.estimate, self.truth, border=self.border, mask=mask, **options)
 
+    def metrics(self, *regions: str, threshold: float = BAD_PIXEL_THRESHOLD) -> Metrics:
+        """Return the measures of single pixels in the union of regions."""
+        return self.score(evaluate, *regions, thresholds=(threshold,))
+
+    def bad_pix(self, *regions: str, threshold: float = BAD_PIXEL_THRESHOLD) -> float:
+        """Return the percentage of bad pixels in the union of regions."""
+        return self.metrics(*regions, threshold=threshold).badpix[threshold]
+
     def angle(self, average: Callable[..., float], region: str) -> float:
         """Return the average angle between normals in a region."""
         calibration = read_calibration(self.folder)
-        mask = self.mask(region)
-        maps = self.estimate, self.truth
-        return float(average(angular_errors(*maps, calibration, border=self.border, mask=mask)))
+        return float(average(self.score(angular_errors, region, calibration=calibration)))
 
-    def layers(self, measure: Callable[..., float], region: str) -> float:
-        """Return a measure that compares the estimate with foreground and background."""
-        mask = self.mask(region)
-        layers = {name: self.mask(name) for name in ("foreground", "background")}
-        return measure(self.estimate, self.truth, border=self.border, mask=mask, **layers)
+    def layers(self, region: str, *, wrong: str, right: str) -> float:
+        """Return the percentage of pixels in a region that are closer to the wrong layer."""
+        mask = self.mask(region)  # the first file that is named as missing
+        layers = {"wrong": self.mask(wrong), "right": self.mask(right)}
+        return wrong_layer(self.estimate, self.truth, border=self.border, mask=mask, **layers)
 
     def dots(self) -> float:
         """Return the percentage of missed dots."""
@@ -245,19 +244,22 @@ class _Comparison:
     def dots_background(self) -> float:
         """Return the mean squared error of the background of the scene dots."""
         self.mask("dots_by_size")  # raises an error for other scenes with a background
-        return self.score(mean_squared_error, "background")
+        return self.metrics("background").mse_x100
 
 
 _Measure = Callable[[_Comparison], float]
 
-_bad_pix = partial(bad_pix, threshold=BAD_PIXEL_THRESHOLD)
+
+def _thinning(estimate: np.ndarray, truth: np.ndarray, **options: Any) -> float:
+    return fattening(-estimate, -truth, **options)
+
 
 _MEASURES: dict[str, _Measure] = {
-    "mse_x100": lambda c: 100.0 * c.score(mean_squared_error),
-    "q25_x100": lambda c: 100.0 * c.score(q25),
+    "mse_x100": lambda c: c.metrics().mse_x100,
+    "q25_x100": lambda c: c.metrics().q25_x100,
     "runtime": lambda c: read_seconds(c.path),
-    "discontinuities": lambda c: c.score(_bad_pix, "discontinuities"),
-    "discontinuities_mse_x100": lambda c: 100.0 * c.score(mean_squared_error, "discontinuities"),
+    "discontinuities": lambda c: c.bad_pix("discontinuities"),
+    "discontinuities_mse_x100": lambda c: c.metrics("discontinuities").mse_x100,
     "bumpiness_planes": lambda c: 100.0 * c.score(bumpiness, "planes"),
     "bumpiness_smooth": lambda c: 100.0 * c.score(bumpiness, "smooth_surfaces"),
     "normals_planes_median": lambda c: c.angle(np.median, "planes"),
@@ -265,18 +267,22 @@ _MEASURES: dict[str, _Measure] = {
     "normals_smooth_median": lambda c: c.angle(np.median, "smooth_surfaces"),
     "normals_smooth_mean": lambda c: c.angle(np.mean, "smooth_surfaces"),
     "fine_fattening": lambda c: c.score(fattening, "fine_surrounding"),
-    "fine_thinning": lambda c: c.score(thinning, "fine"),
-    "backgammon_fattening": lambda c: c.layers(foreground_fattening, "foreground_fattening"),
-    "backgammon_thinning": lambda c: c.layers(foreground_thinning, "foreground_thinning"),
+    "fine_thinning": lambda c: c.score(_thinning, "fine"),
+    "backgammon_fattening": lambda c: c.layers(
+        "foreground_fattening", wrong="foreground", right="background"
+    ),
+    "backgammon_thinning": lambda c: c.layers(
+        "foreground_thinning", wrong="background", right="foreground"
+    ),
     "dots_missed": _Comparison.dots,
-    "dots_background_mse_x100": lambda c: 100.0 * c.dots_background(),
+    "dots_background_mse_x100": _Comparison.dots_background,
     "pyramids_bumpiness_slanted": lambda c: (
         100.0 * c.score(bumpiness, "pyramids", "sphere_in", "sphere_out")
     ),
     "pyramids_bumpiness_parallel": lambda c: 100.0 * c.score(bumpiness, "plane"),
-    "stripes_low_texture": lambda c: c.score(_bad_pix, "low_texture"),
-    "stripes_dark": lambda c: c.score(_bad_pix, "high_contrast"),
-    "stripes_bright": lambda c: c.score(_bad_pix, "low_contrast"),
+    "stripes_low_texture": lambda c: c.bad_pix("low_texture"),
+    "stripes_dark": lambda c: c.bad_pix("high_contrast"),
+    "stripes_bright": lambda c: c.bad_pix("low_contrast"),
 }
 
 
@@ -290,7 +296,7 @@ def _measure(name: str) -> _Measure:
         threshold = math.nan
     if math.isnan(threshold):
         raise InputError(f"there is no measure {name!r}; choose from {', '.join(metric_names())}")
-    return lambda comparison: comparison.score(bad_pix, threshold=threshold)
+    return lambda comparison: comparison.bad_pix(threshold=threshold)
 
 
 def _unit(name: str) -> str:

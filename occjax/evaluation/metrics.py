@@ -37,8 +37,9 @@ class Metrics:
 
     Attributes:
         mse_x100: Mean squared error times 100.
-        badpix: Percentage of bad pixels for each threshold, in the requested order.
-        q25_x100: Largest absolute error of the best quarter of the pixels, times 100.
+        badpix: Percentage of pixels whose absolute error is strictly above each threshold.
+        q25_x100: Largest absolute error of the best quarter of the pixels, times 100: entry
+            ``floor(N / 4)`` of the N sorted errors.
         pixels: Number of compared pixels.
         missing: Number of compared pixels without a finite estimate.
         border: Pixels left out on each side of the image.
@@ -131,13 +132,19 @@ def evaluate(
     """
     if not thresholds:
         raise InputError("no BadPix threshold; pass at least one, in pixels per view step")
+    for threshold in thresholds:
+        if not 0.0 <= threshold < math.inf:
+            raise InputError(
+                f"BadPix threshold is {threshold:g}; pass 0 or more pixels per view step, finite"
+            )
     errors = _absolute_errors(estimate, ground_truth, border, mask)
+    present = errors[np.isfinite(errors)]
     return Metrics(
-        mse_x100=100.0 * _mean_squared(errors),
-        badpix={threshold: _percent_above(errors, threshold) for threshold in thresholds},
-        q25_x100=100.0 * _first_quartile(errors),
+        mse_x100=float(100.0 * np.mean(np.square(present))),
+        badpix={each: float(100.0 * np.mean(errors > each)) for each in thresholds},
+        q25_x100=float(100.0 * np.sort(present)[present.size // 4]),
         pixels=errors.size,
-        missing=int(np.isinf(errors).sum()),
+        missing=errors.size - present.size,
         border=border,
     )
 
@@ -165,100 +172,6 @@ def compare(disparity: np.ndarray, ground_truth: np.ndarray | None) -> Metrics |
     if not np.isfinite(ground_truth[border : height - border, border : width - border]).any():
         return None
     return evaluate(disparity, ground_truth, border=border)
-
-
-def bad_pix(
-    estimate: np.ndarray,
-    ground_truth: np.ndarray,
-    threshold: float,
-    *,
-    border: int = BORDER,
-    mask: np.ndarray | None = None,
-) -> float:
-    """Compute the percentage of pixels whose absolute error is strictly above a threshold.
-
-    Pixels without an estimate are bad.
-
-    Args:
-        estimate: ``[H, W]`` estimated disparity, pixels per view step.
-        ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        threshold: Error above which a pixel is bad, pixels per view step.
-        border: Pixels left out on each side of the image.
-        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
-
-    Returns:
-        Percentage of the compared pixels.
-
-    Raises:
-        InputError: If the sizes differ, no pixel is left to compare, or the border or
-            the threshold is negative.
-
-    Example:
-        >>> bad_pix(np.array([[0.0, 0.05, 0.5, np.nan]]), np.zeros((1, 4)), 0.07, border=0)
-        50.0
-    """
-    return _percent_above(_absolute_errors(estimate, ground_truth, border, mask), threshold)
-
-
-def mean_squared_error(
-    estimate: np.ndarray,
-    ground_truth: np.ndarray,
-    *,
-    border: int = BORDER,
-    mask: np.ndarray | None = None,
-) -> float:
-    """Compute the mean squared error. Pixels without an estimate are left out.
-
-    Args:
-        estimate: ``[H, W]`` estimated disparity, pixels per view step.
-        ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        border: Pixels left out on each side of the image.
-        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
-
-    Returns:
-        Squared pixels per view step; result tables print it times 100.
-
-    Raises:
-        InputError: If the sizes differ, no pixel is left to compare, or the border is
-            negative.
-
-    Example:
-        >>> mean_squared_error(np.array([[0.0, 0.5, np.nan]]), np.zeros((1, 3)), border=0)
-        0.125
-    """
-    return _mean_squared(_absolute_errors(estimate, ground_truth, border, mask))
-
-
-def q25(
-    estimate: np.ndarray,
-    ground_truth: np.ndarray,
-    *,
-    border: int = BORDER,
-    mask: np.ndarray | None = None,
-) -> float:
-    """Compute the largest absolute error of the best quarter of the pixels.
-
-    It is the entry ``floor(N / 4)`` of the N sorted errors. Pixels without an estimate are left
-    out.
-
-    Args:
-        estimate: ``[H, W]`` estimated disparity, pixels per view step.
-        ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        border: Pixels left out on each side of the image.
-        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
-
-    Returns:
-        Pixels per view step; result tables print it times 100.
-
-    Raises:
-        InputError: If the sizes differ, no pixel is left to compare, or the border is
-            negative.
-
-    Example:
-        >>> q25(np.array([[0.4, 0.1, 0.2, 0.3]]), np.zeros((1, 4)), border=0)
-        0.2
-    """
-    return _first_quartile(_absolute_errors(estimate, ground_truth, border, mask))
 
 
 def compared_pixels(
@@ -336,20 +249,3 @@ def _absolute_errors(
     errors = np.full(true.shape, np.inf)
     errors[present] = np.abs(estimated[present] - true[present])
     return errors
-
-
-def _percent_above(errors: np.ndarray, threshold: float) -> float:
-    if not 0.0 <= threshold < math.inf:
-        raise InputError(
-            f"BadPix threshold is {threshold:g}; pass 0 or more pixels per view step, finite"
-        )
-    return float(100.0 * np.mean(errors > threshold))
-
-
-def _mean_squared(errors: np.ndarray) -> float:
-    return float(np.mean(np.square(errors[np.isfinite(errors)])))
-
-
-def _first_quartile(errors: np.ndarray) -> float:
-    present = errors[np.isfinite(errors)]
-    return float(np.sort(present)[present.size // 4])

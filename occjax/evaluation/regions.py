@@ -76,7 +76,9 @@ def fattening(
 ) -> float:
     """Compute the percentage of pixels that are estimated too near by more than a threshold.
 
-    The benchmark measures it in the surroundings of fine structures.
+    The benchmark measures it in the surroundings of fine structures. Thinning, the percentage of
+    pixels that are estimated too far, is ``fattening(-estimate, -ground_truth)``; the benchmark
+    measures it on fine structures.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
@@ -99,59 +101,27 @@ def fattening(
     return _percent_not(_signed_errors(estimate, ground_truth)[pixels] <= threshold)
 
 
-def thinning(
+def wrong_layer(
     estimate: np.ndarray,
     ground_truth: np.ndarray,
     *,
-    threshold: float = FINE_THRESHOLD,
+    wrong: np.ndarray,
+    right: np.ndarray,
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> float:
-    """Compute the percentage of pixels that are estimated too far by more than a threshold.
+    """Compute the percentage of pixels whose estimate is closer to the wrong one of two layers.
 
-    The benchmark measures it on fine structures.
+    An estimate is compared with the disparities of both layers at the same pixel. Each layer is
+    extrapolated from its nearest pixels with ground truth. In the scene backgammon the benchmark
+    measures foreground fattening, at background pixels close to the foreground, and foreground
+    thinning, at foreground pixels.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
         ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        threshold: Largest error that does not count, pixels per view step.
-        border: Pixels left out on each side of the image.
-        mask: ``[H, W]`` boolean, True on the fine structures; None for all pixels.
-
-    Returns:
-        Percentage of the compared pixels.
-
-    Raises:
-        InputError: If the maps do not fit each other or no pixel is left to compare.
-
-    Example:
-        >>> thinning(np.array([[0.2, 0.1, -0.2, np.nan]]), np.zeros((1, 4)), border=0)
-        50.0
-    """
-    pixels = compared_pixels(estimate, ground_truth, border=border, mask=mask)
-    return _percent_not(_signed_errors(estimate, ground_truth)[pixels] >= -threshold)
-
-
-def foreground_fattening(
-    estimate: np.ndarray,
-    ground_truth: np.ndarray,
-    *,
-    foreground: np.ndarray,
-    background: np.ndarray,
-    border: int = BORDER,
-    mask: np.ndarray | None = None,
-) -> float:
-    """Compute the percentage of pixels whose estimate is closer to the foreground.
-
-    An estimate is compared with the disparities of the foreground and of the background at the same
-    pixel. Each layer is extrapolated from its nearest pixels with ground truth. The benchmark
-    measures it at background pixels close to the foreground of the scene backgammon.
-
-    Args:
-        estimate: ``[H, W]`` estimated disparity, pixels per view step.
-        ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        foreground: ``[H, W]`` boolean, True on the foreground.
-        background: ``[H, W]`` boolean, True on the background.
+        wrong: ``[H, W]`` boolean, True on the layer that the compared pixels do not belong to.
+        right: ``[H, W]`` boolean, True on the layer that they belong to.
         border: Pixels left out on each side of the image.
         mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
 
@@ -159,63 +129,20 @@ def foreground_fattening(
         Percentage of the compared pixels.
 
     Raises:
-        InputError: If the maps do not fit each other, no pixel is left to compare, or there is no
-            foreground or no background.
+        InputError: If the maps do not fit each other, no pixel is left to compare, or a layer has
+            no pixel with ground truth.
 
     Example:
         >>> truth = np.array([[0.0, 0.0, 0.0, 2.0]])
         >>> bar = truth > 1.0
-        >>> layers = {"foreground": bar, "background": ~bar, "mask": ~bar}
+        >>> layers = {"wrong": bar, "right": ~bar, "mask": ~bar}
         >>> estimate = np.array([[0.0, 0.9, 1.1, 2.0]])
-        >>> round(foreground_fattening(estimate, truth, **layers, border=0), 2)
+        >>> round(wrong_layer(estimate, truth, **layers, border=0), 2)
         33.33
     """
     pixels = compared_pixels(estimate, ground_truth, border=border, mask=mask)
-    to_foreground = _distance(estimate, ground_truth, foreground, pixels, "foreground")
-    to_background = _distance(estimate, ground_truth, background, pixels, "background")
-    return _percent_not(to_background <= to_foreground)
-
-
-def foreground_thinning(
-    estimate: np.ndarray,
-    ground_truth: np.ndarray,
-    *,
-    foreground: np.ndarray,
-    background: np.ndarray,
-    border: int = BORDER,
-    mask: np.ndarray | None = None,
-) -> float:
-    """Compute the percentage of pixels whose estimate is closer to the background.
-
-    The counterpart of :func:`foreground_fattening`; the benchmark measures it at foreground pixels
-    of the scene backgammon.
-
-    Args:
-        estimate: ``[H, W]`` estimated disparity, pixels per view step.
-        ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        foreground: ``[H, W]`` boolean, True on the foreground.
-        background: ``[H, W]`` boolean, True on the background.
-        border: Pixels left out on each side of the image.
-        mask: ``[H, W]`` boolean, True where to compare; None for all pixels.
-
-    Returns:
-        Percentage of the compared pixels.
-
-    Raises:
-        InputError: If the maps do not fit each other, no pixel is left to compare, or there is no
-            foreground or no background.
-
-    Example:
-        >>> truth = np.array([[0.0, 2.0, 2.0, 0.0]])
-        >>> bar = truth > 1.0
-        >>> layers = {"foreground": bar, "background": ~bar, "mask": bar}
-        >>> foreground_thinning(np.array([[0.0, 0.9, 1.1, 0.0]]), truth, **layers, border=0)
-        50.0
-    """
-    pixels = compared_pixels(estimate, ground_truth, border=border, mask=mask)
-    to_foreground = _distance(estimate, ground_truth, foreground, pixels, "foreground")
-    to_background = _distance(estimate, ground_truth, background, pixels, "background")
-    return _percent_not(to_foreground <= to_background)
+    to_wrong = _distance(estimate, ground_truth, wrong, pixels)
+    return _percent_not(_distance(estimate, ground_truth, right, pixels) <= to_wrong)
 
 
 def missed_dots(
@@ -277,17 +204,13 @@ def _hessian_norm(values: np.ndarray) -> np.ndarray:
 
 
 def _distance(
-    estimate: np.ndarray,
-    ground_truth: np.ndarray,
-    layer: np.ndarray,
-    pixels: np.ndarray,
-    name: str,
+    estimate: np.ndarray, ground_truth: np.ndarray, layer: np.ndarray, pixels: np.ndarray
 ) -> np.ndarray:
     """Return ``[N]`` distances of the estimate from the extrapolated layer at the given pixels."""
     estimate, ground_truth = (np.asarray(each, np.float64) for each in (estimate, ground_truth))
     known = layer & np.isfinite(ground_truth)
     if not known.any():
-        raise InputError(f"there is no {name} with ground truth; check its mask")
+        raise InputError("a layer has no pixel with ground truth; check its mask")
     values = np.where(known, ground_truth, np.nan)
     # Each round fills the pixels next to the known ones with the mean of their neighbours.
     while np.isnan(values[pixels]).any():

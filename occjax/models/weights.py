@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from safetensors import SafetensorError, safe_open
@@ -137,15 +138,10 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
     return _nested({name: jnp.asarray(value) for name, value in flat.items()}), config
 
 
-def _flattened(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flattened(tree: Mapping[str, Any]) -> dict[str, Any]:
     """Return the leaves of nested dictionaries by their paths, such as ``params/conv/kernel``."""
-    flat: dict[str, Any] = {}
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            flat |= _flattened(value, f"{prefix}{name}/")
-        else:
-            flat[f"{prefix}{name}"] = value
-    return flat
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:

@@ -85,8 +85,6 @@ class OptimiserConfig:
         final_fraction: Final rate of ``"cosine"`` divided by the peak rate.
         epoch_steps: Steps per epoch, for ``"halving"``.
         halving_epochs: Epochs between two halvings.
-        first_moment: Decay of the running mean of the gradients.
-        second_moment: Decay of the running mean of the squared gradients.
         weight_decay: Weight decay of kernels; biases and normalisation do not decay. 0 is Adam.
         clip: Largest norm of the gradient of all parameters together; None disables clipping.
     """
@@ -97,8 +95,6 @@ class OptimiserConfig:
     final_fraction: float = 0.01
     epoch_steps: int = 4000
     halving_epochs: int = 30
-    first_moment: float = 0.9
-    second_moment: float = 0.999
     weight_decay: float = 0.0
     clip: float | None = None
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.folders import folder_source, published_source
+from occjax.data.folders import folder_source
 from occjax.data.pool import pool_source
 from occjax.data.procedural import SceneConfig
 from occjax.data.scenes import load_scenes
@@ -46,8 +46,6 @@ class DataConfig:
         patches: Choice of the patches of prepared light fields.
         folders: Scenes with ground truth, or folders of such scenes.
         folder_share: Relative share of patches of these scenes.
-        published: Whether patches of scenes are drawn and varied as published, 32x32 pixels;
-            otherwise as ``augmentation`` says.
         augmentation: Random variation of light fields; None disables it.
         seed: Seed of everything that is drawn at random.
     """
@@ -62,7 +60,6 @@ class DataConfig:
     patches: PatchConfig = field(default_factory=PatchConfig)
     folders: tuple[Path, ...] = ()
     folder_share: float = 1.0
-    published: bool = False
     augmentation: AugmentationConfig | None = field(default_factory=AugmentationConfig)
     seed: int = 0
 
@@ -106,12 +103,8 @@ def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:
         parts[pooled] = config.pool_share / len(config.pools)
     if config.folders and config.folder_share > 0.0:
         scenes = load_scenes(config.folders, views=views)
-        source = (
-            published_source(scenes, size, seed)
-            if config.published
-            else folder_source(scenes, size, seed, augmentation=augmentation)
-        )
-        parts[source] = config.folder_share
+        drawn = folder_source(scenes, size, seed, augmentation=augmentation)
+        parts[drawn] = config.folder_share
     if not parts:
         raise InputError(
             "there is no training data; give data.procedural_share, data.pools or data.folders"

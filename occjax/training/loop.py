@@ -120,7 +120,8 @@ def train(
     with Checkpoints(folder, keep=run.keep) as checkpoints:
         if checkpoints.latest_step is not None:
             like = jax.eval_shape(partial(init_state, config), first)
-            state = checkpoints.restore(_placed(like, state_sharding))
+            placed = jax.tree.map(lambda leaf: leaf.update(sharding=state_sharding), like)
+            state = checkpoints.restore(placed)
             say(f"{folder}: resuming after step {checkpoints.latest_step}")
         else:
             state = _first_state(config, first, initial_file)
@@ -177,15 +178,6 @@ def _first_step(
     result = train_step(state, batch, config=config)
     say(f"{folder}: compiled in {time.monotonic() - begin:.0f} s")
     return result
-
-
-def _placed(state: TrainState, sharding: jax.sharding.Sharding) -> TrainState:
-    """Return the shapes of a state with their placement."""
-
-    def place(leaf):
-        return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding)
-
-    return jax.tree.map(place, state)
 
 
 class _Keeper:

@@ -68,8 +68,6 @@ def make_optimiser(config: OptimiserConfig, steps: int) -> optax.GradientTransfo
 
     adam = optax.adamw(
         learning_rate(config, steps),
-        b1=config.first_moment,
-        b2=config.second_moment,
         weight_decay=config.weight_decay,
         mask=is_kernel,
     )

@@ -11,7 +11,7 @@ import dataclasses
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Float16, Int16, UInt8
 
 import occjax
 from occjax.data.augmentation import AugmentationConfig, random_noise, random_tone
-from occjax.data.pool import DESCRIPTION, light_field_files, read_sample
+from occjax.data.pool import DESCRIPTION, light_field_files, read_sample, shuffled
 from occjax.data.samples import LightFieldSample, select_views, to_device
 from occjax.data.sources import check_batch_size
 from occjax.data.transforms import Symmetry, transform_images, transform_offsets
@@ -98,11 +98,7 @@ class PreparedSample(NamedTuple):
 
 
 def pack(proposals: Proposals) -> PackedProposals:
-    """Store proposals in few bytes.
-
-    Args:
-        proposals: Proposals of one light field.
-    """
+    """Store the proposals of one light field in few bytes."""
     largest = np.iinfo(np.int16).max
     # Square roots keep small costs, which matter most, accurate.
     costs = jnp.sqrt(proposals.costs.channels.astype(jnp.float32))
@@ -118,11 +114,7 @@ def pack(proposals: Proposals) -> PackedProposals:
 
 
 def unpack(packed: PackedProposals) -> Proposals:
-    """Return packed proposals, exact up to rounding.
-
-    Args:
-        packed: Result of :func:`pack`.
-    """
+    """Return the proposals that :func:`pack` stored, exact up to rounding."""
     costs = jnp.square(packed.costs.astype(jnp.float32) / 255.0)
     return Proposals(
         centre=packed.centre.astype(jnp.float32) / 255.0,
@@ -178,9 +170,7 @@ def prepared_source(
 
     whole = dataclasses.replace(augmentation, crop=None)  # other crops share a compiled program
 
-    @lru_cache(maxsize=2)
-    def order(epoch: int) -> np.ndarray:
-        return np.random.default_rng((seed, epoch)).permutation(len(files))
+    item = shuffled(len(files), seed)
 
     def prepared(number: int) -> PreparedSample:
         path = folder / f"{number:06d}.npz"
@@ -190,16 +180,13 @@ def prepared_source(
             write_prepared(path, prepare(key, to_device(sample), network, whole))
         return read_prepared(path)
 
+    how = network.proposals.offsets, augmentation, patches or PatchConfig()
+
     def source(step: int) -> PreparedSample:
         samples = []
         for drawn in range(step * batch_size, (step + 1) * batch_size):
-            epoch, index = divmod(drawn, len(files))
-            sample = prepared(int(order(epoch)[index]))
-            generator = np.random.default_rng((seed, drawn))
-            offsets = network.proposals.offsets
-            samples.append(
-                random_patch(generator, sample, offsets, augmentation, patches or PatchConfig())
-            )
+            generator, sample = np.random.default_rng((seed, drawn)), prepared(item(drawn))
+            samples.append(random_patch(generator, sample, *how))
         return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *samples)
 
     return source
@@ -212,17 +199,7 @@ def prepare(
     network: ProposalConfig,
     augmentation: AugmentationConfig,
 ) -> PreparedSample:
-    """Vary tone and noise of one light field and compute its proposals.
-
-    Args:
-        key: Random key.
-        sample: One light field (no batch axis).
-        network: Network that computes the proposals.
-        augmentation: Amounts of tone and noise.
-
-    Returns:
-        The prepared light field, of the size of the sample.
-    """
+    """Vary tone and noise of one light field (no batch axis) and compute its proposals."""
     tone_key, noise_key = jax.random.split(key)
     sample = random_noise(noise_key, random_tone(tone_key, sample, augmentation), augmentation)
     proposals, disparity = propose(sample, network)
@@ -232,15 +209,7 @@ def prepare(
 def propose(
     sample: LightFieldSample, network: ProposalConfig
 ) -> tuple[Proposals, Float[Array, "h w"]]:
-    """Compute the proposals of one light field.
-
-    Args:
-        sample: One light field (no batch axis).
-        network: Network that computes the proposals.
-
-    Returns:
-        Proposals, and ``[h, w]`` true disparity, both at the configured reach.
-    """
+    """Return proposals and true disparity of one light field, both at the configured reach."""
     proposals = ProposalNet(network).apply({}, sample.views, sample.offsets, method="propose")
     assert isinstance(proposals, Proposals)
     scale = jnp.max(jnp.abs(sample.offsets)) / network.reach
@@ -248,11 +217,7 @@ def propose(
 
 
 def check_crop(crop: tuple[int, ...], network: ProposalConfig) -> None:
-    """Check that the selector can be applied to patches of a size.
-
-    Args:
-        crop: Height and width, in pixels.
-        network: Network with a selector.
+    """Check that the selector can be applied to patches of ``(h, w)`` pixels.
 
     Raises:
         InputError: If the size is not a multiple of ``network.size_multiple``.
@@ -337,11 +302,7 @@ def transform_prepared(
 
 
 def write_prepared(path: Path, sample: PreparedSample) -> None:
-    """Write one prepared light field.
-
-    Args:
-        path: The ``.npz`` file.
-        sample: Prepared light field, without a batch axis.
+    """Write one prepared light field (no batch axis) to an ``.npz`` file.
 
     Raises:
         InputError: If the file cannot be written.
@@ -353,13 +314,7 @@ def write_prepared(path: Path, sample: PreparedSample) -> None:
 
 
 def read_prepared(path: Path) -> PreparedSample:
-    """Read a prepared light field that :func:`write_prepared` wrote.
-
-    Args:
-        path: The ``.npz`` file.
-
-    Returns:
-        The prepared light field, of NumPy arrays.
+    """Read a prepared light field that :func:`write_prepared` wrote, as NumPy arrays.
 
     Raises:
         InputError: If the file cannot be read or is damaged.

@@ -14,9 +14,6 @@ from occjax.models import ALIASES, OccCasNetConfig, preset
 from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
 from occjax.training.data import DataConfig
 
-PUBLISHED_EPOCH_STEPS = 4000
-"""Number of steps per epoch of the published training."""
-
 
 @dataclass(frozen=True)
 class Recipe:
@@ -71,26 +68,6 @@ def full() -> Recipe:
     return Recipe(TrainConfig(network, loss, optimiser, steps=20_000, precision="bfloat16"), data)
 
 
-def published() -> Recipe:
-    """Return the published training of OccCasNet: 120 epochs of 4000 steps (Chao et al., 2023).
-
-    Command: ``occjax train runs/published --recipe published --data.folders FOLDER``, with the
-    folder of the HCI benchmark's 16 additional scenes.
-    """
-    network = preset("occcasnet", feature_statistics="per_view")
-    optimiser = OptimiserConfig(
-        peak_rate=1e-3, schedule="halving", epoch_steps=PUBLISHED_EPOCH_STEPS, halving_epochs=30
-    )
-    steps = 120 * PUBLISHED_EPOCH_STEPS
-    return Recipe(
-        TrainConfig(network, LossConfig(), optimiser, steps=steps, ema_decay=0.0),
-        DataConfig(
-            batch_size=32, procedural_share=0.0, published=True, scenes=_all_views(network, 32)
-        ),
-        RunConfig(validate_every=PUBLISHED_EPOCH_STEPS),
-    )
-
-
 def tiny() -> Recipe:
     """Return the training of a network of 3x3 views on small scenes, to try things on a CPU.
 
@@ -109,7 +86,7 @@ def tiny() -> Recipe:
 
 
 RECIPES: Mapping[str, Callable[[], Recipe]] = MappingProxyType(
-    {each.__name__: each for each in (proposal, full, published, tiny)}
+    {each.__name__: each for each in (proposal, full, tiny)}
 )
 """Recipes by name."""
 

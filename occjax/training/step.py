@@ -79,15 +79,7 @@ def _init(key: Array, example: Batch, network: ModelConfig) -> dict:
 
 
 def state_from_variables(variables: dict, config: TrainConfig) -> TrainState:
-    """Return the state before the first step, with given weights.
-
-    Args:
-        variables: Variables of the model.
-        config: Settings of the training.
-
-    Returns:
-        The state.
-    """
+    """Return the state before the first step, with the given variables of the model."""
     params, batch_stats = variables["params"], variables.get("batch_stats", {})
     return TrainState(
         step=jnp.zeros((), jnp.int32),
@@ -161,14 +153,10 @@ def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:
 
 
 def shardings(batch_size: int) -> tuple[NamedSharding, NamedSharding]:
-    """Return the placement of batches and states with which all devices share a step.
+    """Return the placement of batches and of states with which all devices share a step.
 
-    Args:
-        batch_size: Number of examples in a batch.
-
-    Returns:
-        Sharding of a batch over as many devices as divide it into equal parts, and sharding of a
-        state, which is replicated on each of them.
+    A batch is divided over as many devices as divide it into equal parts, and a state is replicated
+    on each of them.
     """
     devices = jax.devices()
     mesh = Mesh(np.array(devices[: math.gcd(batch_size, len(devices))]), ("devices",))

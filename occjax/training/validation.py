@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import imageio.v3 as imageio
 import jax
 import numpy as np
 
@@ -22,16 +21,12 @@ from occjax.estimators import run_estimator
 from occjax.estimators.factory import estimator_of
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, compare
 from occjax.io import load
-from occjax.io.atomic import atomic_path
 from occjax.lightfield import LightField, view_offsets
 from occjax.models import ModelConfig
-from occjax.viz.colour import disparity_colours, error_colours, limits
+from occjax.viz.pictures import disparity_picture, error_picture, save_picture
 
 SELECTION_METRIC = f"badpix_{BAD_PIXEL_THRESHOLD:g}"
 """Name of the score whose mean over the scenes selects the best checkpoint."""
-
-ERROR_LIMIT = 0.3
-"""Error at which the colours of the error map end, pixels per view step."""
 
 
 def validate(
@@ -101,8 +96,7 @@ def score_scenes(
             scores[f"{name}/{measure}"] = value
             scores[measure] = scores.get(measure, 0.0) + value / len(scenes)
         if pictures is not None:
-            with atomic_path(pictures / f"{name}.png") as path:
-                imageio.imwrite(path, picture(disparity, truth))
+            save_picture(picture(disparity, truth), pictures / f"{name}.png")
     return scores
 
 
@@ -197,10 +191,7 @@ def check_scenes(scenes: Sequence[LightField], network: ModelConfig) -> None:
 
 
 def picture(disparity: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Draw truth, estimate and error next to each other.
-
-    Truth and estimate have the colours of the truth's range. The error is blue where the estimate
-    is too far and red where it is too near, with full colours at bad pixels.
+    """Draw truth, estimate and error next to each other, in the colours of ``occjax estimate``.
 
     Args:
         disparity: ``[h, w]`` estimate, pixels per view step.
@@ -209,12 +200,9 @@ def picture(disparity: np.ndarray, truth: np.ndarray) -> np.ndarray:
     Returns:
         ``[h, 3 w, 3]`` uint8 image.
     """
-    norm = limits(truth)
-    maps = [disparity_colours()(np.ma.masked_invalid(norm(image))) for image in (truth, disparity)]
-    error = np.clip(disparity - truth, -ERROR_LIMIT, ERROR_LIMIT)
-    colours = error_colours(BAD_PIXEL_THRESHOLD, ERROR_LIMIT)
-    maps.append(colours(np.ma.masked_invalid(error / (2.0 * ERROR_LIMIT) + 0.5)))
-    return np.round(255.0 * np.concatenate(maps, axis=1)[..., :3]).astype(np.uint8)
+    both = np.concatenate([truth, disparity], axis=1)  # one range of colours
+    maps = disparity_picture(both, ground_truth=truth), error_picture(disparity, truth)
+    return np.concatenate(maps, axis=1)
 
 
 def _with_unique_names(scenes: list[LightField]) -> list[LightField]:

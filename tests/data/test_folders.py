@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occjax.data.augmentation import AugmentationConfig
-from occjax.data.folders import folder_source, published_source
+from occjax.data.folders import folder_source
 from occjax.data.scenes import Scene, load_scenes
 from occjax.errors import InputError
 from occjax.io import write_pfm
@@ -164,16 +164,6 @@ def test_impossible_sources_are_refused():
         folder_source([scene], 1, seed=0, augmentation=config, threads=0)(0)
     with pytest.raises(InputError, match="same selection"):
         folder_source([scene, numbered_scene(1, offsets=star(3))], 16, seed=0, threads=0)(0)
-
-
-def test_published_patches_depend_only_on_the_step():
-    scenes = [numbered_scene(number, size=(110, 120)) for number in range(2)]
-    source = published_source(scenes, 5, seed=1)
-    batches = [source(step) for step in range(3)]
-    assert batches[0].views.shape == (5, 3, 3, 32, 32)
-    again = published_source(scenes, 5, seed=1, threads=0)
-    for step in (2, 0):
-        jax.tree.map(np.testing.assert_array_equal, again(step), batches[step])
 
 
 def test_patches_of_a_rendered_scene_agree_best_with_its_ground_truth(shared):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.evaluation.metrics import Metrics, bad_pix, evaluate, mean_squared_error, q25
+from occjax.evaluation.metrics import Metrics, evaluate
 
 
 @pytest.fixture
@@ -45,23 +45,16 @@ def test_measures_match_their_definitions_pixel_by_pixel(maps, border, masked):
     assert metrics.badpix == pytest.approx(expected["badpix"], rel=1e-12)
 
 
-def test_single_measures_agree_with_their_definitions(maps):
-    expected = looped(*maps, (0.05,), 15)
-    assert bad_pix(*maps, 0.05) == pytest.approx(expected["badpix"][0.05], rel=1e-12)
-    assert 100.0 * mean_squared_error(*maps) == pytest.approx(expected["mse_x100"], rel=1e-12)
-    assert 100.0 * q25(*maps) == pytest.approx(expected["q25_x100"], rel=1e-12)
-
-
 def test_error_equal_to_the_threshold_is_not_bad():
     truth = np.zeros((1, 4))
     estimate = np.array([[0.25, -0.25, 0.2500001, -0.5]])
-    assert bad_pix(estimate, truth, 0.25, border=0) == 50.0
+    assert evaluate(estimate, truth, thresholds=(0.25,), border=0).badpix == {0.25: 50.0}
 
 
 @pytest.mark.parametrize(("count", "entry"), [(1, 0), (3, 0), (4, 1), (7, 1), (8, 2), (9, 2)])
 def test_q25_is_the_entry_at_a_quarter_of_the_count_rounded_down(count, entry):
     errors = np.random.default_rng(2).permutation(np.arange(count, dtype=float))
-    assert q25(errors[None], np.zeros((1, count)), border=0) == entry
+    assert evaluate(errors[None], np.zeros((1, count)), border=0).q25_x100 == 100.0 * entry
 
 
 def test_errors_in_the_border_do_not_count():

@@ -173,9 +173,10 @@ def test_positions_that_are_all_the_same_are_refused(scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
-def test_real_light_fields_are_recognised_in_all_eight_view_orders(shared, scene):
+def test_real_light_fields_are_recognised_in_other_view_orders(shared, scene):
+    """As declared, swapped, and rotated; the synthetic scene has all eight orders."""
     light_field = load(shared / "data" / scene, check_orientation=False)
-    for stored in ORIENTATIONS:
+    for stored in (DECLARED, Orientation(swap=True), Orientation(flip_rows=True, swap=True)):
         report = check(stored.apply(light_field))
         assert stored.then(report.best) == DECLARED, stored.name
         assert report.clearly_worse == (stored != DECLARED), stored.name

@@ -1,4 +1,4 @@
-"""The published network in NumPy and float64, as the paper describes it.
+"""The published network in NumPy, as the paper describes it, in float64 by default.
 
 An independent truth for the Flax network: it shares no code with the library and was checked
 against activations of the published implementation. It is simple rather than fast: a convolution
@@ -46,14 +46,17 @@ class Weights:
     batch_normalization: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
 
     @staticmethod
-    def from_names(arrays: Mapping[str, np.ndarray]) -> Weights:
-        """Sort arrays named as in the published file, ``.../conv2d_7/kernel:0``."""
+    def from_names(arrays: Mapping[str, np.ndarray], dtype: type = np.float64) -> Weights:
+        """Sort arrays named as in the published file, ``.../conv2d_7/kernel:0``.
+
+        Convolutions are computed in the type of the weights.
+        """
         layers: dict[str, dict[int, dict[str, np.ndarray]]] = {}
         for name, array in arrays.items():
             layer, weight = name.split("/")[-2:]
             kind, number = re.fullmatch(r"(.+?)(?:_(\d+))?", layer).groups()
             numbered = layers.setdefault(kind, {}).setdefault(int(number or 0), {})
-            numbered[weight.removesuffix(":0")] = np.asarray(array, np.float64)
+            numbered[weight.removesuffix(":0")] = np.asarray(array, dtype)
 
         def ordered(kind: str) -> list[dict[str, np.ndarray]]:
             return [layer for _, layer in sorted(layers[kind].items())]
@@ -157,8 +160,11 @@ def convolve(x: np.ndarray, kernel: np.ndarray, dilation: int = 1) -> np.ndarray
     taps = kernel.shape[:-2]
     size = x.shape[-1 - len(taps) : -1]
     margin = [dilation * (tap // 2) for tap in taps]
-    padded = np.pad(x, [(0, 0)] * (x.ndim - 1 - len(taps)) + [(m, m) for m in margin] + [(0, 0)])
-    result = np.zeros((x.size // x.shape[-1], kernel.shape[-1]))
+    padded = np.pad(
+        x.astype(kernel.dtype, copy=False),
+        [(0, 0)] * (x.ndim - 1 - len(taps)) + [(m, m) for m in margin] + [(0, 0)],
+    )
+    result = np.zeros((x.size // x.shape[-1], kernel.shape[-1]), kernel.dtype)
     for tap in np.ndindex(*taps):
         window = tuple(
             slice(dilation * t, dilation * t + n) for t, n in zip(tap, size, strict=True)

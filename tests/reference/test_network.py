@@ -15,7 +15,8 @@ from tests.reference.published_layout import (
 @pytest.mark.slow
 def test_reference_agrees_with_the_published_implementation(shared):
     folder = shared / "parity"
-    weights = Weights.from_names(read_published_layout(folder / "official_layout_weights.h5"))
+    stored = read_published_layout(folder / "official_layout_weights.h5")
+    weights = Weights.from_names(stored, np.float32)  # half the time; the limits allow it
     light_field = np.load(folder / "correct_warp.npz")["light_field"]
     found = answers(weights, light_field, np.linspace(-4.0, 4.0, 33), np.linspace(-0.5, 0.5, 9))
     for warp in ("correct", "transposed"):

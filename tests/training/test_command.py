@@ -79,14 +79,13 @@ def test_another_preset_brings_its_views(started, tmp_path):
         (["--recipe", "strong"], "no recipe named 'strong'; there are proposal, full"),
         (["--recipe", "tiny", "--network-preset", "tine"], "there is no model 'tine'"),
         (["--recipe", "tiny", "--data.scenes.grid", "5", "5"], "all views of a 3x3 grid"),
-        (["--recipe", "tiny", "--data.procedural-share", "0"], "no training data"),
+        (["--recipe", "tiny", "--data.procedural-share", "0"], "no training data; give"),
         (["--recipe", "tiny", "--data.pools", "nowhere"], "nowhere: is not a pool"),
         (
             ["--recipe", "tiny", "--data.prepared", "kept"],
             "data.prepared needs the proposal",
         ),
         (["--recipe", "tiny", "--network-preset", "photometric"], "has no weights to train"),
-        (["--recipe", "published"], "no training data; give data.procedural_share, data.pools or"),
         (["--recipe", "tiny", "--data.folders", "nowhere"], "nowhere"),
         (["--recipe", "tiny", "--validate", "nowhere"], "nowhere"),
         (["--recipe", "tiny", "--steps", "0"], "steps is 0; pass more than 0"),
@@ -105,18 +104,6 @@ def test_meaningless_options_are_refused(started, tmp_path, capsys):
     assert stopped.value.code == 2
     assert "optimiser.peak_rate is -1.0; pass more than" in capsys.readouterr().err
     assert not started
-
-
-def test_published_recipe_equals_the_paper():
-    """120 epochs of 4000 steps of 32 patches of 32x32, Adam at 1e-3, L1 of both stages."""
-    published = recipe("published")
-    assert published.train.steps == 480_000
-    assert published.data.batch_size == 32
-    assert published.data.published
-    assert published.data.procedural_share == 0.0
-    optimiser, loss = published.train.optimiser, published.train.loss
-    assert (optimiser.peak_rate, optimiser.schedule, optimiser.weight_decay) == (1e-3, "halving", 0)
-    assert (loss.penalty, loss.distribution) == ("l1", 0.0)
 
 
 def test_former_names_of_recipes_and_models_are_accepted(started, tmp_path):

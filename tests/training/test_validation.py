@@ -17,7 +17,6 @@ from occjax.results.outputs import write_outputs
 from occjax.training import validate
 from occjax.training.validation import (
     check_scenes,
-    picture,
     scenes_from_batch,
     scenes_from_folders,
 )
@@ -88,15 +87,6 @@ def test_each_scene_gets_a_picture_of_truth_estimate_and_error(scores):
     assert (images[1][6:, :14] == grey).all()
     assert (images[1][6:, 28:] == grey).all()
     assert not (images[1][:6] == grey).all(-1).any()
-
-
-def test_the_error_is_red_if_the_estimate_is_too_near_and_blue_if_too_far():
-    truth = np.zeros((1, 3))
-    image = picture(np.array([[-0.2, 0.0, 0.2]]), truth).astype(int)
-    far, right, near = image[0, 6:]
-    assert far[2] > far[0] + 50
-    assert near[0] > near[2] + 50
-    assert right.min() > 240
 
 
 def test_a_scene_without_ground_truth_inside_the_border_is_refused(six_steps):

@@ -30,17 +30,9 @@ class Space(NamedTuple):
 def draw_materials(
     draws: Draws, config: SceneConfig, space: Space, geometry: Geometry, group: Int[Array, " n"]
 ) -> Materials:
-    """Draw the materials of all surfaces.
+    """Draw the materials of all walls, sheets and solids.
 
-    Args:
-        draws: Random numbers.
-        config: The distribution.
-        space: Range of the surfaces.
-        geometry: The surfaces.
-        group: ``[n]`` index of the solid whose material each solid has.
-
-    Returns:
-        Materials, one entry for each wall, sheet and solid.
+    ``group`` has the index of the solid whose material each solid has.
     """
     table = concatenate_surfaces(geometry.walls, geometry.sheets, geometry.solids)
     count = table.slope.shape[0]
@@ -105,16 +97,7 @@ def draw_materials(
 
 
 def draw_light(draws: Draws, config: SceneConfig, space: Space) -> Light:
-    """Draw the lamp, the ambient light, shadows and the direction to the eye.
-
-    Args:
-        draws: Random numbers.
-        config: The distribution.
-        space: Range of the surfaces.
-
-    Returns:
-        The light.
-    """
+    """Draw the lamp, the ambient light, shadows and the direction to the eye."""
     side = max(config.image_size)
     turn, slant = draws.angle(), draws.uniform(0.1, 1.2)
     distance = draws.log_uniform(0.8 * side, 5.0 * side)

@@ -66,16 +66,7 @@ def render(
 
     Rays are distributed over two pixels with the weight of bilinear interpolation (a tent). The
     tent is divided into as many parts of equal weight as there are rays; each ray is drawn at
-    random within one part.
-
-    Args:
-        scene: The scene.
-        offsets: ``[n, 2]`` offsets of the views, in view steps.
-        config: Image size and number of rays.
-        key: Random key of the rays.
-
-    Returns:
-        ``[n, h, w]`` brightness, at least 0.
+    random within one part. The brightness is at least 0; offsets are in view steps.
     """
     y, x = pixel_grid(config.image_size)
     strata = round(config.rays**0.5)
@@ -99,15 +90,9 @@ def render(
 def view_visibility(
     scene: RandomScene, disparity: Float[Array, "h w"], offset: Float[Array, "2"]
 ) -> Bool[Array, "h w"]:
-    """Return whether a view sees what the centre view sees at each of its pixels.
+    """Return whether a view sees what the centre view, of this disparity, sees at each pixel.
 
-    Args:
-        scene: The scene.
-        disparity: ``[h, w]`` disparity of the centre view, in pixels per view step.
-        offset: ``[2]`` offset of the view, in view steps.
-
-    Returns:
-        ``[h, w]``; false for points outside the view's image.
+    Points outside the view's image are not visible.
     """
     h, w = disparity.shape
     y, x = project(*pixel_grid((h, w)), disparity, offset)

@@ -27,17 +27,7 @@ OUTLINE_SIZE = 256
 def textures(
     draws: Draws, noise_key: Key, count: int, kinds: Textures
 ) -> Float[Array, "count 256 256"]:
-    """Draw textures, of values in [-1, 1] with a mean of about zero.
-
-    Args:
-        draws: Random numbers.
-        noise_key: Random key of the noise.
-        count: Number of textures.
-        kinds: Relative frequency of each kind.
-
-    Returns:
-        ``[count, 256, 256]`` textures.
-    """
+    """Draw textures, of values in [-1, 1] with a mean of about zero."""
     draws = draws.with_shape((count, 1, 1))
     exponent = draws.uniform(0.3, 2.2)
     stretch = draws.choose(0.4, draws.log_uniform(1.0, 6.0), 1.0)
@@ -98,17 +88,7 @@ def textures(
 def outlines(
     draws: Draws, noise_key: Key, count: int, kinds: Outlines
 ) -> Bool[Array, "count 256 256"]:
-    """Draw outlines over the square [-1, 1]^2 of y and x.
-
-    Args:
-        draws: Random numbers.
-        noise_key: Random key of the noise.
-        count: Number of outlines.
-        kinds: Relative frequency of each kind.
-
-    Returns:
-        ``[count, 256, 256]``, true inside.
-    """
+    """Draw outlines over the square [-1, 1]^2 of y and x, true inside."""
     if sum(dataclasses.astuple(kinds)) <= 0.0:
         return jnp.zeros((count, OUTLINE_SIZE, OUTLINE_SIZE), bool)
     draws = draws.with_shape((count, 1, 1))

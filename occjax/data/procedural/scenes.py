@@ -49,15 +49,7 @@ class _Walls(NamedTuple):
 
 
 def random_scene(key: Key, config: SceneConfig) -> RandomScene:
-    """Draw a scene.
-
-    Args:
-        key: Random key.
-        config: The distribution.
-
-    Returns:
-        The scene.
-    """
+    """Draw a scene."""
     number_key, outline_key, texture_key = jax.random.split(key, 3)
     draws = Draws(number_key)
     space = _draw_space(draws, config)

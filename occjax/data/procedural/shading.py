@@ -110,14 +110,6 @@ def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) ->
     shadow map is therefore the disparity of that view: a point is lit if the first hit along the
     light has its disparity. The blurred exponential of disparity makes shadows soft (exponential
     shadow maps, Annen et al., 2008).
-
-    Args:
-        geometry: The scene.
-        light: The light.
-        image_size: ``(H, W)`` of a view, in pixels.
-
-    Returns:
-        The maps.
     """
     reach = 0.5 * jnp.asarray(image_size, jnp.float32) + 32.0
     axis = jnp.linspace(-1.0, 1.0, SHADE_MAP_SIZE_PX)

@@ -237,14 +237,7 @@ class OccCasNet(nn.Module):
 
 
 def variable_shapes(config: OccCasNetConfig) -> dict:
-    """Return shapes and types of the network's variables without computing any.
-
-    Args:
-        config: The network.
-
-    Returns:
-        ``variables`` with a ``jax.ShapeDtypeStruct`` for each array.
-    """
+    """Return shapes and types of the network's variables without computing any."""
     views = jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32)
     truth = jax.ShapeDtypeStruct((16, 16), jnp.float32)  # some networks take it
     return jax.eval_shape(

@@ -73,10 +73,7 @@ PRESETS: Mapping[str, OccCasNetConfig] = MappingProxyType(
         "cas_2_share": _cascade(_COARSE_9, _around(1 / 8), shared_aggregation=True),
         "cas_2_occ": _cascade(_COARSE_9, _around(1 / 8), occlusion="coarse"),
         "cas_2_occ_gt": _cascade(_COARSE_9, _around(1 / 8), occlusion="ground_truth"),
-        "cas_2_interval_1_2": _cascade(_COARSE_9, _around(1 / 2)),
-        "cas_2_interval_1_4": _cascade(_COARSE_9, _around(1 / 4)),
-        "cas_2_interval_1_8": _cascade(_COARSE_9, _around(1 / 8)),
-        "cas_2_interval_1_16": _cascade(_COARSE_9, _around(1 / 16)),
+        **{f"cas_2_interval_1_{n}": _cascade(_COARSE_9, _around(1 / n)) for n in (2, 4, 8, 16)},
         "cas_2_coarse_17": _cascade(_COARSE_17, _around(1 / 8)),
         "cas_2_coarse_33": _cascade(_COARSE_33, _around(1 / 8)),
         # The final model: Cas_2-occ with 33 and 9 candidates.

@@ -11,9 +11,7 @@ import hashlib
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Generator
-from contextlib import closing
-from http.client import HTTPException, IncompleteRead
+from http.client import HTTPException
 from pathlib import Path
 
 import platformdirs
@@ -68,95 +66,67 @@ def fetch_published_weights(
     Raises:
         InputError: If the download fails, another file arrives, or the cache cannot be written.
     """
-    path = (Path(cache) if cache is not None else default_cache()) / FILE_NAME
+    folder = Path(platformdirs.user_cache_dir("occjax")) / "weights" if cache is None else cache
+    path = Path(folder) / FILE_NAME
     url = url or PUBLISHED_URL
     if progress:
         print(LICENCE_NOTICE, file=sys.stderr)
     with reading(path):
-        cached = path.is_file()
-    if cached and git_blob_id(path) == blob_id:
-        return path
+        if path.is_file() and git_blob_id(path.read_bytes()) == blob_id:
+            return path
     with atomic_path(path) as temporary:
-        _download(url, temporary, progress)
-        found = git_blob_id(temporary)
+        content = _download(url, progress)
+        found = git_blob_id(content)
         if found != blob_id:
             raise InputError(
                 f"{url}: the downloaded file is not the published one (git blob id {found}, "
                 f"expected {blob_id}); try again or from another network"
             )
+        temporary.write_bytes(content)
     return path
 
 
-def default_cache() -> Path:
-    """Return the folder of downloaded weights in the user's cache."""
-    return Path(platformdirs.user_cache_dir("occjax")) / "weights"
-
-
-def git_blob_id(path: Path | str) -> str:
-    """Compute the git blob id of a file: SHA-1 of ``blob SIZE``, a zero byte and the content.
+def git_blob_id(content: bytes) -> str:
+    """Return the git blob id of a file's content: SHA-1 of ``blob SIZE``, a zero byte and it.
 
     Args:
-        path: File.
+        content: Content of the file.
 
     Returns:
         40 hexadecimal digits, as ``git hash-object`` prints them.
 
-    Raises:
-        InputError: If the file cannot be read.
-
     Example:
-        >>> import tempfile
-        >>> path = Path(tempfile.mkdtemp()) / "empty"
-        >>> path.touch()
-        >>> git_blob_id(path)
+        >>> git_blob_id(b"")
         'e69de29bb2d1d6434b8b29ae775ad8c2e48c5391'
     """
-    path = Path(path)
-    with reading(path), path.open("rb") as file:
-        header = f"blob {path.stat().st_size}\0".encode()
-        return hashlib.file_digest(
-            file, lambda: hashlib.sha1(header, usedforsecurity=False)
-        ).hexdigest()
+    header = f"blob {len(content)}\0".encode()
+    return hashlib.sha1(header + content, usedforsecurity=False).hexdigest()
 
 
-def _download(url: str, target: Path, progress: bool) -> None:
-    """Download ``url`` into the file ``target``."""
-    bar = tqdm(unit="B", unit_scale=True, desc=FILE_NAME, disable=not progress)
-    with closing(_body(url)) as body, target.open("wb") as file, bar:
-        for chunk, length in body:
-            file.write(chunk)
-            bar.total = length
-            bar.update(len(chunk))
-
-
-def _body(url: str) -> Generator[tuple[bytes, int | None], None, None]:
-    """Yield the chunks of ``url``, each with the announced length of the whole file.
-
-    This is a generator so that its ``except`` sees errors of the network only, not errors of the
-    disk that the caller writes to.
-    """
-    received, length = 0, None
+def _download(url: str, progress: bool) -> bytes:
+    """Return the content of a URL."""
+    content = bytearray()
     try:
         with urllib.request.urlopen(url, timeout=TIMEOUT_SECONDS) as response:
-            announced = response.headers["Content-Length"]
-            length = None if announced is None else int(announced)
-            while chunk := response.read(CHUNK_BYTES):
-                received += len(chunk)
-                yield chunk, length
+            length = int(response.headers["Content-Length"] or 0)
+            unit = {"unit": "B", "unit_scale": True}
+            with tqdm(total=length, desc=FILE_NAME, disable=not progress, **unit) as bar:
+                while chunk := response.read(CHUNK_BYTES):
+                    content += chunk
+                    bar.update(len(chunk))
     except urllib.error.HTTPError as error:
         error.close()  # the error object holds the connection
         raise InputError(
             f"{url}: the server answers {error.code} ({error.reason}); try again later"
         ) from error
-    except IncompleteRead as error:
-        received += len(error.partial)
     except (OSError, HTTPException, ValueError) as error:
         reason = " ".join(str(getattr(error, "reason", error)).split())
         raise InputError(
             f"{url}: cannot be downloaded ({reason}); check network and proxy, then try again"
         ) from error
-    # Without IncompleteRead, a connection that closes early looks like the end of the file.
-    if length is not None and received < length:
+    # A connection that closes early looks like the end of the file.
+    if len(content) < length:
         raise InputError(
-            f"{url}: the download stopped after {received} of {length} bytes; try again"
+            f"{url}: the download stopped after {len(content)} of {length} bytes; try again"
         )
+    return bytes(content)

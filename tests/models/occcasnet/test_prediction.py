@@ -165,7 +165,7 @@ def test_published_activations_in_strips(shared):
     variables, config = load_weights(shared / "parity/official_layout_weights.h5", warp="correct")
     with np.load(shared / "parity/correct_warp.npz") as published:
         views, expected = jnp.asarray(published["light_field"]), published["disparity_refined"]
-    error = np.abs(in_strips(8, config)(variables, views)[-1].disparity - expected)
+    error = np.abs(in_strips(24, config)(variables, views)[-1].disparity - expected)
     assert error.max() < 1e-3  # the limit of test_keras_weights
     assert np.median(error) < 1e-5
 

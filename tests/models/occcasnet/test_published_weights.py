@@ -133,7 +133,6 @@ def test_notice_and_progress_go_to_standard_error(tmp_path, capsys):
         assert text in shown.err
 
 
-def test_blob_id_is_that_of_git(tmp_path):
+def test_blob_id_is_that_of_git():
     """``printf 'what is up, doc?' | git hash-object --stdin``, from the book Pro Git."""
-    (tmp_path / "file").write_bytes(b"what is up, doc?")
-    assert git_blob_id(tmp_path / "file") == "bd9dbf5aae1a3862dd1526723246b20206e5fc37"
+    assert git_blob_id(b"what is up, doc?") == "bd9dbf5aae1a3862dd1526723246b20206e5fc37"

@@ -1,21 +1,30 @@
-"""Training patches with the augmentation of the published network.
+"""The published training of OccCasNet: its recipe and its training patches.
 
-The recipe is that of the published OccCasNet code (Chao et al., 2023), for scenes of the HCI 4D
-benchmark. It runs in NumPy: patches are small, and redrawing a patch until it is accepted does not
+Both are those of the published code (Chao et al., 2023), for scenes of the HCI 4D benchmark. The
+augmentation runs in NumPy: patches are small, and redrawing a patch until it is accepted does not
 suit a compiler. All randomness comes from the generator that is passed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from occjax.data.samples import LightFieldSample, numpy_sample
+from occjax.data.folders import grain_batches
+from occjax.data.procedural import SceneConfig
+from occjax.data.samples import LightFieldSample, numpy_sample, to_device
 from occjax.data.scenes import Scene
-from occjax.data.transforms import rotate, transform_sample
+from occjax.data.sources import Source, check_batch_size
+from occjax.data.transforms import transform_sample
 from occjax.errors import InputError
 from occjax.lightfield import centre_index
+from occjax.models import preset
+from occjax.training import DataConfig, LossConfig, OptimiserConfig, Recipe, RunConfig, TrainConfig
+
+EPOCH_STEPS = 4000
+"""Number of steps per epoch."""
 
 PATCH_SIZE_PX = 32
 """Rows and columns of a patch."""
@@ -34,6 +43,44 @@ NOISE_PROBABILITY = 1 / 12
 
 MAX_ATTEMPTS = 10_000
 """Number of rejected patches after which an error is raised."""
+
+
+def published_recipe() -> Recipe:
+    """Return the published training: 120 epochs of 4000 steps of 32 patches."""
+    network = preset("occcasnet", feature_statistics="per_view")
+    optimiser = OptimiserConfig(
+        peak_rate=1e-3, schedule="halving", epoch_steps=EPOCH_STEPS, halving_epochs=30
+    )
+    size = (PATCH_SIZE_PX, PATCH_SIZE_PX)
+    scenes = SceneConfig(image_size=size, grid=network.views, views="all")
+    return Recipe(
+        TrainConfig(network, LossConfig(), optimiser, steps=120 * EPOCH_STEPS, ema_decay=0.0),
+        DataConfig(batch_size=32, procedural_share=0.0, scenes=scenes),
+        RunConfig(validate_every=EPOCH_STEPS),
+    )
+
+
+def published_source(
+    scenes: Sequence[Scene], batch_size: int, seed: int, *, threads: int = 2
+) -> Source:
+    """Return a source of patches with the augmentation of the published network.
+
+    Args:
+        scenes: The additional scenes of the HCI benchmark, or others.
+        batch_size: Patches per step.
+        seed: Seed of everything that is drawn; 0 to 2^32 - 1.
+        threads: Number of threads that prepare patches ahead; 0 prepares them when needed.
+
+    Returns:
+        The source.
+
+    Raises:
+        InputError: If the seed is out of range or grain is missing; when called, if there are no
+            scenes or none has an acceptable patch.
+    """
+    check_batch_size(batch_size)
+    batches = grain_batches(partial(published_sample, scenes=scenes), batch_size, seed, threads)
+    return lambda step: to_device(batches(step))
 
 
 def published_sample(generator: np.random.Generator, scenes: Sequence[Scene]) -> LightFieldSample:
@@ -100,44 +147,25 @@ def published_patch(generator: np.random.Generator, scenes: Sequence[Scene]) -> 
 
 
 def published_gamma(generator: np.random.Generator, sample: LightFieldSample) -> LightFieldSample:
-    """Raise the views to a power drawn from U(0.8, 1.2).
-
-    Args:
-        generator: Source of randomness.
-        sample: One sample.
-
-    Returns:
-        The darker or brighter sample.
-    """
+    """Raise the views to a power drawn from U(0.8, 1.2)."""
     return sample._replace(views=sample.views ** np.float32(generator.uniform(0.8, 1.2)))
 
 
 def published_symmetry(
     generator: np.random.Generator, sample: LightFieldSample
 ) -> LightFieldSample:
-    """Flip rows with probability 1/2, then rotate by 0 to 3 right angles; pixels and views.
-
-    Args:
-        generator: Source of randomness.
-        sample: One sample of square patches.
-
-    Returns:
-        The sample or one of its seven mirror images and rotations.
-    """
+    """Flip rows with probability 1/2, then rotate by 0 to 3 right angles; pixels and views."""
     if generator.integers(2):
         sample = transform_sample(sample, "flip_rows")
-    return rotate(sample, int(generator.integers(4)))
+    for _ in range(generator.integers(4)):
+        sample = transform_sample(transform_sample(sample, "transpose"), "flip_rows")
+    return sample
 
 
 def published_noise(generator: np.random.Generator, sample: LightFieldSample) -> LightFieldSample:
     """Add Gaussian noise to one in twelve samples, of standard deviation U(0, 1) sqrt(0.2).
 
-    Args:
-        generator: Source of randomness.
-        sample: One sample.
-
-    Returns:
-        The sample, its views clipped to [0, 1].
+    The views are clipped to [0, 1].
     """
     if generator.uniform() >= NOISE_PROBABILITY:
         return sample

@@ -4,11 +4,13 @@ import jax
 import numpy as np
 import pytest
 
-from occjax.data.published_augmentation import (
+from experiments.published_training import (
     published_gamma,
     published_noise,
     published_patch,
+    published_recipe,
     published_sample,
+    published_source,
     published_symmetry,
 )
 from occjax.data.samples import numpy_sample
@@ -164,3 +166,24 @@ def test_a_sample_has_numpy_arrays_and_depends_only_on_the_generator():
     for one, two in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, two)
     assert not np.array_equal(first.views, other.views)
+
+
+def test_published_patches_depend_only_on_the_step():
+    scenes = [scene_of(checks()), scene_of(checks(period=3))]
+    source = published_source(scenes, 5, seed=1)
+    batches = [source(step) for step in range(3)]
+    assert batches[0].views.shape == (5, 3, 3, 32, 32)
+    again = published_source(scenes, 5, seed=1, threads=0)
+    for step in (2, 0):
+        jax.tree.map(np.testing.assert_array_equal, again(step), batches[step])
+
+
+def test_published_recipe_equals_the_paper():
+    """120 epochs of 4000 steps of 32 patches of 32x32, Adam at 1e-3, L1 of both stages."""
+    published = published_recipe()
+    assert published.train.steps == 480_000
+    assert published.data.batch_size == 32
+    assert published.data.procedural_share == 0.0
+    optimiser, loss = published.train.optimiser, published.train.loss
+    assert (optimiser.peak_rate, optimiser.schedule, optimiser.weight_decay) == (1e-3, "halving", 0)
+    assert (loss.penalty, loss.distribution) == ("l1", 0.0)
