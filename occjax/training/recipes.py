@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from occjax.data.augmentation import AugmentationConfig
 from occjax.data.procedural import TEXTURED, Defects, SceneConfig
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.models import ALIASES, OccCasNetConfig, preset
 from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
 from occjax.training.data import DataConfig
@@ -132,7 +132,7 @@ def recipe(name: str) -> Recipe:
     """
     name = ALIASES.get(name, name)
     if name not in RECIPES:
-        raise InputError(f"there is no recipe named {name!r}; there are {', '.join(RECIPES)}")
+        raise InputError(f"there is no recipe {name!r}; {nearest(name, RECIPES)}")
     return RECIPES[name]()
 
 
