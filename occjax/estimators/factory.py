@@ -47,7 +47,7 @@ def make_estimator(
     """
     check_one_of("precision", precision, Precision)
     model = model and ALIASES.get(model, model)
-    config = None if model is None else preset(model)
+    chosen = None if model is None else preset(model)
     if model == TRAINING_FREE:
         if weights is not None:
             raise InputError(f"the model {model} takes no weights; omit weights ({weights})")
@@ -56,9 +56,9 @@ def make_estimator(
                 f"the model {model} has no warp and computes in float32; omit warp (--warp) and "
                 "precision (--precision)"
             )
-        return ProposalEstimator(model, config)
+        return ProposalEstimator(model, chosen)
     path = _weights_path(model, weights)
-    variables, config = load_weights(path, config, warp=warp)
+    variables, config = load_weights(path, chosen, warp=warp)
     return estimator_of(config, variables, name=model, weights=path.name, precision=precision)
 
 

@@ -221,10 +221,13 @@ def _check_view_order(
         rows, columns = light_field.grid
         warnings.warn(
             f"{path}: no view order of the {rows}x{columns} grid is consistent; "
-            "check the grid and the file layout",
+            "check the grid and the file layout; if neighbouring views differ by more than 0.4 of "
+            "their shorter side, pass max_disparity (--max-disparity)",
             ViewOrderWarning,
             stacklevel=3,
         )
+    if report.disorder is not None:
+        warnings.warn(f"{path}: {report.position_notes[0]}", ViewOrderWarning, stacklevel=3)
     if report.clearly_worse:
         likely = [declared.then(report.best)]
         if not report.sign_known:

@@ -65,7 +65,7 @@ class ViewFiles:
         """Return which row or column can be left out, as the end of a message; may be empty."""
         names = self._names()
         numbered = "i" in next(iter(self.named.matches.values())).groupdict()
-        sides = {
+        sides: dict[str, slice | tuple[slice, slice]] = {
             "last row": np.s_[:-1],
             "first row": np.s_[1:],
             "last column": np.s_[:, :-1],

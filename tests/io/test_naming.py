@@ -250,6 +250,7 @@ def test_views_of_several_suffixes_are_read_together(tmp_path, views):
     np.testing.assert_array_equal(loaded.views, views)
 
 
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
 @pytest.mark.parametrize("suffix", ["bmp", "webp"])
 def test_images_of_another_suffix_that_are_not_read_are_named(tmp_path, views, suffix):
     folder = save_views(tmp_path, views, lambda v, u: f"a{v}b{u}.png")

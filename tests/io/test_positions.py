@@ -67,7 +67,10 @@ def test_views_are_ordered_by_their_positions(folder):
     [
         (np.zeros((3, 4, 2)), "all the same"),
         (np.full((12, 2), np.nan), "12 of 12 positions are NaN .* in row 0, column 0"),
-        (np.zeros((11, 2)), r"has 11 positions, float64 \[11, 2\], but the 3x4 grid has 12 views; write one"),
+        (
+            np.zeros((11, 2)),
+            r"has 11 positions, float64 \[11, 2\], but the 3x4 grid has 12 views; write one",
+        ),
         (np.zeros((3, 4)), r"has positions, float64 \[3, 4\], but"),
         (np.stack([np.arange(12.0), np.zeros(12)], -1), "have the same position"),
     ],
