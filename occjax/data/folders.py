@@ -12,7 +12,7 @@ from threading import Lock
 
 import numpy as np
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.published_augmentation import published_sample
 from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
 from occjax.data.scenes import Scene

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from occjax.errors import InputError, check_one_of
 from occjax.estimators.occcasnet import OccCasNetEstimator
@@ -47,7 +48,7 @@ def make_estimator(
     """
     check_one_of("precision", precision, Precision)
     model = model and ALIASES.get(model, model)
-    chosen = None if model is None else preset(model)
+    chosen: Any = None if model is None else preset(model)
     if model == TRAINING_FREE:
         if weights is not None:
             raise InputError(f"the model {model} takes no weights; omit weights ({weights})")

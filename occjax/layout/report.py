@@ -151,9 +151,10 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         return light_field.view_order_report
     config = ViewOrderConfig() if config is None else config
     measured = _measure(light_field, config)
-    report = _registered_report(light_field, measured, config)
-    moved = report.registration is not None and report.registration.moved.mean()
-    if report.conclusive and not report.clearly_worse and not moved > config.max_moved_fraction:
+    report, rejected = _registered_report(light_field, measured, config)
+    moved = 0.0 if report.registration is None else report.registration.moved.mean()
+    orderly = moved <= config.max_moved_fraction and not rejected
+    if report.conclusive and not report.clearly_worse and orderly:
         return report
 
     def score(views: LightField) -> float:
@@ -206,21 +207,24 @@ def _report_without_centre(
 
 def _registered_report(
     light_field: LightField, measured: _Measured, config: ViewOrderConfig
-) -> ViewOrderReport:
-    """Return the report with the measured corrections of the views, if they are clear."""
+) -> tuple[ViewOrderReport, bool]:
+    """Return the report with the measured corrections of the views, if they are clear.
+
+    Also return whether there are corrections that do not make the views more consistent.
+    """
     report = measured.report
     if report.best not in (DECLARED, DECLARED.reversed_sign):
-        return report  # Without the right view order, every view seems to be misplaced.
+        return report, False  # Without the right view order, every view seems to be misplaced.
     spacing = column_spacing(measured.volumes, DECLARED)
     if spacing is not None and light_field.positions is not None:
-        return dataclasses.replace(report, relative_spacing=spacing)
+        return dataclasses.replace(report, relative_spacing=spacing), False
     if not report.measured_fraction:
-        return report
+        return report, False
     if spacing is not None:
         offsets = view_offsets(*light_field.grid, column_spacing=spacing)
         measured = _measure(dataclasses.replace(light_field, positions=offsets), config)
         if not measured.report.measured_fraction:
-            return report
+            return report, False
     registration = register(
         light_field,
         measured.report.brightness,
@@ -230,14 +234,14 @@ def _registered_report(
         spacing,
     )
     if registration is None:
-        return report
+        return report, False
     corrected = _measure(registration.apply(light_field), config).report
     # A single view changes this little; another spacing must.
     improvement = 0.0 if spacing is None else config.registration.min_improvement
     most = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
     if corrected.scores[DECLARED.name] > most:
-        return report
-    return dataclasses.replace(corrected, registration=registration)
+        return report, True
+    return dataclasses.replace(corrected, registration=registration), False
 
 
 def view_order_scores(light_field: LightField, config: ViewOrderConfig) -> dict[str, float]:

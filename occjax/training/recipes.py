@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.procedural import TEXTURED, Defects, SceneConfig
 from occjax.errors import InputError, nearest
 from occjax.models import ALIASES, OccCasNetConfig, preset
-from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
-from occjax.training.data import DataConfig
+from occjax.training.config import DataConfig, LossConfig, OptimiserConfig, RunConfig, TrainConfig
 
 PUBLISHED_EPOCH_STEPS = 4000
 """Number of steps per epoch of the published training."""

@@ -28,7 +28,7 @@ def test_help_and_version_import_no_heavy_packages(argument):
     assert imported_by(code) == "[]"
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS.keys() - {"train"}))
+@pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_a_wrong_argument_is_reported_without_heavy_packages(command):
     code = (
         f"sys.argv = ['occjax', '{command}', '--no-such-option']\n"

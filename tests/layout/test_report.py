@@ -337,7 +337,7 @@ def test_a_search_that_ends_before_the_scene_says_so():
 @pytest.mark.parametrize("grid", [(3, 3), (5, 5), (4, 4)])
 def test_serpentine_order_is_proposed(grid):
     """The centre row of three is reversed too, that of five is not."""
-    report = check(LightField(straightened(two_planes(grid)[0])))
+    report = check(LightField(straightened(two_planes(grid, far=-0.6, near=0.8)[0])))
     assert report.disorder == "serpentine"
     assert "pass order (--order serpentine)" in report.position_notes[0]
     assert "pass --order serpentine" in format_report(report, DECLARED)

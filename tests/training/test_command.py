@@ -36,7 +36,7 @@ def started(monkeypatch):
         calls.update(config=config, source=source, folder=folder, **options)
         return Trained(None, True, folder / "weights.safetensors")
 
-    monkeypatch.setattr(command, "train", train)
+    monkeypatch.setattr("occjax.training.loop.train", train)
     return calls
 
 
