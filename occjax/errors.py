@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import Any, get_args
 
 
@@ -30,4 +32,29 @@ def check_one_of(name: str, value: object, choices: Any) -> None:
     """
     allowed = get_args(choices)
     if value not in allowed:
-        raise InputError(f"{name} is {value!r}; pass {' or '.join(map(repr, allowed))}")
+        raise InputError(f"{name} is {value!r}; {nearest(value, allowed)}")
+
+
+def nearest(name: object, names: Iterable[str], *, otherwise: str = "") -> str:
+    """Return advice on an unknown name: the known name that is most like it, else all of them.
+
+    Args:
+        name: The unknown name.
+        names: The known names.
+        otherwise: Advice if none is like it; by default the list of the names.
+
+    Returns:
+        The end of a message.
+
+    Example:
+        >>> nearest("Photometrik", ["proposal", "photometric"])
+        "did you mean 'photometric'?"
+        >>> nearest("raft", ["proposal", "photometric"])
+        "choose 'proposal' or 'photometric'"
+    """
+    names = list(names)
+    by_lower_case = {known.lower(): known for known in names}
+    similar = difflib.get_close_matches(str(name).lower(), by_lower_case, n=1)
+    if similar:
+        return f"did you mean {by_lower_case[similar[0]]!r}?"
+    return otherwise or f"choose {' or '.join(map(repr, names))}"

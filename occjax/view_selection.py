@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.lightfield import view_offsets
 
 Arrangement = Literal["all", "cross", "star", "outer_star"]
@@ -142,8 +142,8 @@ def check_selection(selection: Selection) -> None:
     if isinstance(selection, str):
         if selection not in get_args(Arrangement):
             raise InputError(
-                f'selection is "{selection}"; it must be one of {", ".join(get_args(Arrangement))} '
-                "or the numbers (V, U)"
+                f"selection is {selection!r}; {nearest(selection, get_args(Arrangement))} or the "
+                "numbers (V, U)"
             )
     elif len(selection) != 2 or min(selection) < 1:
         raise InputError(f"selection is {selection}; (V, U) must be two positive numbers")

@@ -9,9 +9,9 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import CameraOptions, ViewOrderOptions, option, pair
 from occjax.errors import InputError
-from occjax.models.bundled import ready_models
+from occjax.models.bundled import find_weights, ready_models
 from occjax.models.occcasnet.config import Warp
-from occjax.models.registry import Precision
+from occjax.models.registry import Precision, preset
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
 
 
@@ -75,6 +75,10 @@ def estimate_command(
     """Estimate disparity maps and write them, with pictures, to one folder per scene."""
     if not scenes:
         raise InputError("pass at least one scene: a folder of views, an image or an array file")
+    if model is not None:
+        preset(model)
+    if weights is not None:
+        find_weights(weights)
     # The rest imports JAX. A wrong argument is reported without it.
     from occjax.cli.scenes import estimate_scenes
     from occjax.estimators import make_estimator

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import gc
 import importlib
 import sys
@@ -10,7 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import occjax
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 
 
 class Command(NamedTuple):
@@ -80,11 +79,8 @@ def _run(arguments: list[str]) -> int:
     if name in COMMANDS:
         return tyro.cli(_function(name, arguments[1:]), prog=f"occjax {name}", args=arguments[1:])
     if name and not name.startswith("-"):
-        similar = difflib.get_close_matches(name, COMMANDS, n=1)
-        hint = f"the commands are {', '.join(COMMANDS)}"
-        if similar:
-            hint = f"did you mean {similar[0]}"
-        raise InputError(f"{name} is not a command; {hint}")
+        advice = nearest(name, COMMANDS, otherwise=f"the commands are {', '.join(COMMANDS)}")
+        raise InputError(f"{name} is not a command; {advice}")
     app = tyro.extras.SubcommandApp()
     for command, (_, _, summary) in COMMANDS.items():
         app.command(name=command)(_described(summary))

@@ -12,7 +12,9 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
         lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
     lines.append("")
     correct = declared.then(report.best)
-    if report.clearly_worse:
+    if report.disorder == "serpentine":
+        lines.append("view order: every second row runs backwards; pass --order serpentine")
+    elif report.clearly_worse:
         flip = f" --flip {correct.flip}" if correct.flip else ""
         lines.append(f"view order: {report.best.name}; pass --order {correct.order}{flip}")
     elif report.conclusive:
@@ -22,7 +24,7 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
     else:
         lines.append(
             "view order: unknown, none is clearly more consistent than the others; check the "
-            "grid and the file layout"
+            "grid and the file layout, or pass a larger --max-disparity"
         )
     if report.nearer_in_front is not None:
         fraction = f"{report.nearer_in_front:.0%}"
@@ -37,5 +39,10 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
     lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
+    if report.at_limit:
+        lines.append(
+            f"  the search ended at {report.max_disparity:.2f}; if the scene has larger "
+            "disparities, pass --max-disparity"
+        )
     lines += [f"views: {note}" for note in report.brightness.notes]
     return "\n".join(lines)

@@ -12,7 +12,7 @@ from threading import Lock
 
 import numpy as np
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
 from occjax.data.scenes import Scene
 from occjax.data.sources import Source, augment_for_step, check_batch_size

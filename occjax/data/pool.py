@@ -18,7 +18,7 @@ import numpy as np
 from tqdm import tqdm
 
 import occjax
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.procedural import SceneConfig, generate
 from occjax.data.samples import (
     LightFieldSample,

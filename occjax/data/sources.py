@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Array, Int
 from tqdm import tqdm
 
-from occjax.data.augmentation import AugmentationConfig, augment_batch
+from occjax.data.augmentation import augment_batch
+from occjax.data.config import AugmentationConfig
 from occjax.data.procedural import SceneConfig, generate
 from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError

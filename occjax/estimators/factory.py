@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from occjax.errors import InputError, check_one_of
 from occjax.estimators.occcasnet import OccCasNetEstimator
@@ -10,7 +11,7 @@ from occjax.estimators.proposal import ProposalEstimator
 from occjax.estimators.protocol import Estimator
 from occjax.models.bundled import bundled_weights, find_weights
 from occjax.models.occcasnet.config import OccCasNetConfig, Warp
-from occjax.models.registry import ALIASES, PRESETS, ModelConfig, Precision, preset, preset_name
+from occjax.models.registry import ALIASES, ModelConfig, Precision, preset, preset_name
 from occjax.models.weights import load_weights
 
 TRAINING_FREE = "photometric"
@@ -47,8 +48,7 @@ def make_estimator(
     """
     check_one_of("precision", precision, Precision)
     model = model and ALIASES.get(model, model)
-    if model is not None and model not in PRESETS:
-        raise InputError(f"there is no model {model!r}; choose one of {', '.join(PRESETS)}")
+    chosen: Any = None if model is None else preset(model)
     if model == TRAINING_FREE:
         if weights is not None:
             raise InputError(f"the model {model} takes no weights; omit weights ({weights})")
@@ -57,9 +57,9 @@ def make_estimator(
                 f"the model {model} has no warp and computes in float32; omit warp (--warp) and "
                 "precision (--precision)"
             )
-        return ProposalEstimator(model, preset(model))
+        return ProposalEstimator(model, chosen)
     path = _weights_path(model, weights)
-    variables, config = load_weights(path, None if model is None else preset(model), warp=warp)
+    variables, config = load_weights(path, chosen, warp=warp)
     return estimator_of(config, variables, name=model, weights=path.name, precision=precision)
 
 

@@ -13,7 +13,7 @@ from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.estimators.strips import Strips, map_strips, plan_strips
-from occjax.layout import view_brightness
+from occjax.layout import check, view_brightness
 from occjax.lightfield import LightField, centre_index, view_offsets
 from occjax.models.proposal.config import ProposalConfig
 from occjax.models.proposal.exposure import white_level
@@ -74,10 +74,13 @@ class ProposalEstimator:
         # so that scenes of similar range share a compiled program.
         count = 4 * -(-(int(np.ceil((high - low) / interval)) + 3) // 4)
         candidates = (low + high) / 2 + interval * (np.arange(count) - (count - 1) / 2)
-        # A requested range is binding. A measured one may be slightly too narrow.
-        limits = (float(candidates[0]), float(candidates[-1]))
-        if disparity_range is not None:
-            limits = (low, high)
+        # A requested range is binding, and so is the one that is searched if none can be measured.
+        # A measured one, or that of the scene's files, may be slightly too narrow.
+        limits = (low, high)
+        if disparity_range is None and (
+            light_field.disparity_range is not None or check(light_field).measured_fraction
+        ):
+            limits = (float(candidates[0]), float(candidates[-1]))
         # Only the selected views are converted: grey of all views takes time.
         indices = [divmod(int(index), light_field.grid[1]) for index in selected]
         grey = np.stack([brightness.grey(light_field, *index) for index in indices])

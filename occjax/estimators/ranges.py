@@ -63,7 +63,8 @@ def notes_on_limits(disparity: np.ndarray, disparity_range: DisparityRange) -> l
             notes.append(
                 f"{fraction:.0%} of the disparities are at the {end} limit of the searched range "
                 f"[{low:.2f}, {high:.2f}]; the range is probably too narrow, pass a wider "
-                "disparity_range (--disparity-range)"
+                "disparity_range (--disparity-range), or a larger max_disparity (--max-disparity) "
+                "to load, which then measures the range"
             )
     return notes
 

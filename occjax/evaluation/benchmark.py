@@ -48,7 +48,7 @@ from typing import Any
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.evaluation.files import read_disparity
 from occjax.evaluation.metrics import (
     BAD_PIXEL_THRESHOLD,
@@ -295,7 +295,7 @@ def _measure(name: str) -> _Measure:
     except ValueError:
         threshold = math.nan
     if math.isnan(threshold):
-        raise InputError(f"there is no measure {name!r}; choose from {', '.join(metric_names())}")
+        raise InputError(f"there is no measure {name!r}; {nearest(name, metric_names())}")
     return lambda comparison: comparison.bad_pix(threshold=threshold)
 
 

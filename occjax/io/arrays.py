@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.io.atomic import atomic_path
 from occjax.io.axes import axis_order, axis_roles
 from occjax.io.files import decoding
@@ -47,6 +47,11 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
     """
     path = Path(path)
     arrays = _load(path)
+    if key is not None and list(arrays) == [""]:
+        raise InputError(
+            f"{path}: is one array without a name; leave out key (--key {key}), which chooses "
+            "among the arrays of an .npz, HDF5 or .mat file"
+        )
     views = check_views(path, _find_views(path, arrays, key))
     fields = _optional_fields(path, arrays, key)
     if "ground_truth" in fields:
@@ -183,15 +188,24 @@ def check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) ->
         InputError: If there is not one position ``(row, column)`` for each view, or they are all
             the same or not finite.
     """
-    if positions.shape != (*grid, 2) or not np.issubdtype(positions.dtype, np.number):
+    (rows, columns), shape = grid, positions.shape
+    if shape != (rows, columns, 2) or not np.issubdtype(positions.dtype, np.number):
+        number = f"has {shape[0]} positions" if shape[1:] == (2,) else "has positions"
         raise InputError(
-            f"{path}: positions have the shape {list(positions.shape)}, not "
-            f"{[*grid, 2]}; write one (row, column) for each view"
+            f"{path}: {number}, {positions.dtype} {list(shape)}, but the {rows}x{columns} grid has "
+            f"{rows * columns} views; write one position (row, column) for each, also for missing "
+            "ones, in the order of the views"
         )
     positions = positions.astype(np.float32)
-    identical = grid != (1, 1) and not np.ptp(positions, (0, 1)).any()
-    if identical or not np.isfinite(positions).all():
-        raise InputError(f"{path}: positions are all the same or not finite; correct them")
+    wrong = np.argwhere(~np.isfinite(positions).all(-1))
+    if wrong.size:
+        row, column = wrong[0]
+        raise InputError(
+            f"{path}: {len(wrong)} of {rows * columns} positions are NaN or infinite, the first in "
+            f"row {row}, column {column} (counted from 0); write numbers"
+        )
+    if grid != (1, 1) and not np.ptp(positions, (0, 1)).any():
+        raise InputError(f"{path}: positions are all the same; write where each camera is")
     return positions
 
 
@@ -222,8 +236,8 @@ def _find_views(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> n
     if name not in named:
         names = [name for name in arrays if name]
         raise InputError(
-            f"{path}: has no array {name!r} (it has: {', '.join(names) or 'none'}); "
-            f"pass key (--key {names[0] if names else 'NAME'})"
+            f"{path}: has no array {name!r} (it has: {_listed(arrays)}); "
+            f"{nearest(name, names, otherwise='pass key (--key NAME)')}"
         )
     return named[name]
 
@@ -241,6 +255,12 @@ def _optional_fields(path: Path, arrays: dict[str, np.ndarray], key: str | None)
             "rename or remove the others, or pass key (--key views)"
         )
     return {name: named[name] for name in OPTIONAL_FIELDS if name in named}
+
+
+def _listed(arrays: dict[str, np.ndarray]) -> str:
+    """Return names and shapes of arrays, for messages."""
+    content = [f"{name} {list(array.shape)}" for name, array in arrays.items()]
+    return ", ".join(content[:8]) + ", ..." * (len(content) > 8) if content else "none"
 
 
 def _lower_case(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.io.arrays import check_views
 from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order
 from occjax.io.consistency import most_consistent
@@ -184,6 +184,8 @@ def _find_views(path: Path, arrays: dict[str, StoredArray], key: str | None) -> 
     else:
         problem = "has several arrays of views" if matching else "has no array of views"
     advice = "save the views as [V, U, H, W, C]" if not arrays else "pass key (--key NAME)"
+    if key is not None and not matching:
+        advice = nearest(key, [name.rsplit("/")[-1] for name in arrays], otherwise=advice)
     raise InputError(f"{path}: {problem} (it has: {shown or 'none'}); {advice}")
 
 

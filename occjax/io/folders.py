@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -22,10 +23,12 @@ from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import read_positions
+from occjax.io.view_files import ViewFiles
 from occjax.lightfield import LightField, centre_index
 
-MAX_BROKEN_FRACTION = 0.1
-"""Fraction of the images above which images that cannot be decoded are an error."""
+MAX_UNUSABLE_FRACTION = 0.1
+"""Fraction of the images above which images that cannot be decoded, or are of another size, are an
+error. One such image never is."""
 
 Progress = Callable[[int, int], None]
 """Called with the number of views read and the number of all views."""
@@ -38,7 +41,7 @@ def read_folder(
     pattern: str | None = None,
     grid: tuple[int, int] | None = None,
     progress: Progress | None = None,
-) -> LightField:
+) -> tuple[LightField, ViewFiles]:
     """Read a folder with one image per view.
 
     In addition to the views it reads the files that belong to the layout: ``parameters.cfg`` and
@@ -54,15 +57,16 @@ def read_folder(
         progress: Called after each view.
 
     Returns:
-        The light field, named after the folder.
+        The light field as stored, named after the folder, whose views all count as ``usable``; and
+        the files of the views, which say which are (:meth:`ViewFiles.usable`).
 
     Raises:
-        InputError: If the views form no grid, the centre view or many others are missing or cannot
-            be read, views have different sizes, or another file of the layout is damaged.
+        InputError: If the views form no grid, many cannot be read or have different sizes, or
+            another file of the layout is damaged.
 
     Warns:
         GridWarning: If the grid is guessed from the number of views or from the photo-consistency,
-            or if views are missing or cannot be decoded. They are then not ``usable``.
+            or if views are missing, cannot be decoded, or have another size than the others.
     """
     folder = Path(folder)
     config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
@@ -78,12 +82,12 @@ def read_folder(
         named, positions = gantry_grid(str(folder), named)
     else:
         named, positions = read_positions(folder, named)
-    views, usable = _read_views(folder, named, progress)
+    views, present = _read_views(folder, named, progress)
     if named.other_grid and positions is None:
         other = views.reshape(*named.other_grid, *views.shape[2:])
         if most_consistent([views, other]) == 1:
             views, named = other, named.regrouped(named.other_grid)
-            usable = usable.reshape(named.grid)
+            present = present.reshape(named.grid)
     if grid is None and config is None and positions is None:
         _refuse_frames(folder, named, views)
     if named.guess is not None:
@@ -95,16 +99,16 @@ def read_folder(
         )
     if config and config.disparity_range:
         _check_range(folder, config.disparity_range, max(views.shape[2:4]))
-    return LightField(
+    light_field = LightField(
         views=views,
         name=folder.resolve().name,
         calibration=config.calibration if config else None,
         disparity_range=config.disparity_range if config else None,
         ground_truth=_read_ground_truth(folder, layout, named, views.shape[2:4]),
         positions=positions,
-        usable=None if usable.all() else usable,
         source=folder,
     )
+    return light_field, ViewFiles(str(folder), named, present)
 
 
 def _file_names(folder: Path, *, nested: bool) -> list[str]:
@@ -153,14 +157,15 @@ def _read_views(
     """Read ``[V, U, H, W, C]`` views; return them with the mask ``[V, U]`` of those that are there.
 
     They are read in threads, since decoders release the interpreter's lock. Images that cannot be
-    decoded count as missing, except the centre view. The pixels of missing views are zero.
+    decoded, or are of another size or type than the centre view, count as missing. The pixels of
+    missing views are zero.
     """
     paths = {index: folder / match.string for index, match in sorted(named.matches.items())}
-    reference = paths.get(centre_index(named.grid)) or next(iter(paths.values()))
-    first = read_image(reference)
-    views = np.zeros((*named.grid, *first.shape), first.dtype)
-    usable = np.zeros(named.grid, bool)
-    broken = []
+    reference = _decodable(paths, centre_index(named.grid))
+    views = np.zeros((*named.grid, *reference.shape), reference.dtype)
+    present = np.zeros(named.grid, bool)
+    broken: list[InputError] = []
+    formats: dict[Path, str] = {}  # of the images of another size or type
 
     def read(path: Path) -> np.ndarray | InputError:
         try:
@@ -175,22 +180,42 @@ def _read_views(
         ):
             if isinstance(image, InputError):
                 broken.append(image)
-            elif image.shape != first.shape or image.dtype != first.dtype:
-                raise InputError(
-                    f"{paths[index]}: is {_format(image)} but {reference.name} is "
-                    f"{_format(first)}; all views must have the same size and type"
-                )
+            elif image.shape != reference.shape or image.dtype != reference.dtype:
+                formats[paths[index]] = _format(image)
             else:
-                views[index], usable[index] = image, True
+                views[index], present[index] = image, True
             if progress is not None:
                 progress(done, len(paths))
     finally:
         pool.shutdown(cancel_futures=True)
-    if len(broken) > MAX_BROKEN_FRACTION * len(paths):
+    usual, most = _format(reference), max(1.0, MAX_UNUSABLE_FRACTION * len(paths))
+    if len(formats) > most:
+        counts = Counter({usual: int(present.sum())}) + Counter(formats.values())
+        listed = " and ".join(f"{count} of {kind}" for kind, count in counts.most_common())
+        names = first_few([path.name for path in formats])
+        raise InputError(
+            f"{folder}: has views of different sizes or types, {listed}; all must be the same; "
+            f"crop, convert or remove those that differ from the centre view ({names})"
+        )
+    if len(broken) > most:
         raise broken[0]
-    for error in broken:
-        warnings.warn(f"{error}; the view is not used", GridWarning, stacklevel=3)
-    return check_views(folder, tone_mapped(folder, views)), usable
+    problems = [str(error) for error in broken]
+    problems += [f"{path}: is {kind}, not {usual}" for path, kind in formats.items()]
+    for problem in problems:
+        warnings.warn(f"{problem}; the view is not used", GridWarning, stacklevel=3)
+    return check_views(folder, tone_mapped(folder, views)), present
+
+
+def _decodable(paths: dict[tuple[int, int], Path], centre: tuple[int, int]) -> np.ndarray:
+    """Return the centre view, or the first other one if it is missing or cannot be decoded."""
+    first: InputError | None = None
+    for path in sorted(paths.values(), key=lambda path: path != paths.get(centre)):
+        try:
+            return read_image(path)
+        except InputError as error:
+            first = first or error
+    assert first is not None
+    raise first
 
 
 def _refuse_frames(folder: Path, named: NamedViews, views: np.ndarray) -> None:

@@ -25,6 +25,7 @@ from occjax.io.images import (
 )
 from occjax.io.layouts import FolderLayout, Layout, Mosaic
 from occjax.io.mosaics import read_mosaic
+from occjax.io.view_files import ViewFiles
 from occjax.layout import (
     Orientation,
     ViewOrderConfig,
@@ -32,6 +33,7 @@ from occjax.layout import (
     check,
     declaration,
     declared_orientation,
+    straightened,
 )
 from occjax.lightfield import MIN_VIEW_SIZE_PX, LightField, view_offsets
 
@@ -114,7 +116,7 @@ def load(
         raise InputError(f"max_disparity is {max_disparity}; it must be a positive number")
     with reading(path):
         path.stat()
-    stored = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
+    stored, files = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
     if grid is not None and layout != "quilt" and stored.grid != tuple(grid):
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
@@ -127,11 +129,24 @@ def load(
             f"{MIN_VIEW_SIZE_PX}x{MIN_VIEW_SIZE_PX}, arrays as [V, U, H, W] or [V, U, H, W, C]"
         )
     if order == "serpentine":
-        stored = _straightened(stored)
+        usable = None if stored.usable is None else straightened(stored.usable)
+        stored = dataclasses.replace(stored, views=straightened(stored.views), usable=usable)
     light_field = declared.apply(stored) if declared != Orientation() else stored
+    if files is not None:
+        usable = files.usable(
+            lambda grid: declared.lay_out(straightened(grid) if order == "serpentine" else grid)
+        )
+        light_field = dataclasses.replace(light_field, usable=usable)
     if spacing is not None:
         light_field = _spaced(path, light_field, spacing)
     if views is not None:
+        if any(np.greater(views, light_field.grid)):
+            raise InputError(
+                f"{path}: views {views[0]} {views[1]} is to keep {views[0]} rows and {views[1]} "
+                f"columns of views around the centre view, but the grid has {light_field.grid[0]} "
+                f"rows and {light_field.grid[1]} columns; pass smaller numbers or leave out views "
+                "(--views)"
+            )
         light_field = light_field.central(*views)
     if name is not None:
         light_field = dataclasses.replace(light_field, name=name)
@@ -156,8 +171,8 @@ def _read(
     grid: tuple[int, int] | None,
     key: str | None,
     progress: Progress | None,
-) -> LightField:
-    """Read the light field as stored, with the reader of its layout or suffix."""
+) -> tuple[LightField, ViewFiles | None]:
+    """Read the light field as stored, and the files of its views if it is a folder."""
     if path.is_dir():
         if layout in get_args(Mosaic) or layout in ("array", "hdf5"):
             raise InputError(f"{path}: is a folder, but layout {layout!r} is a file; name the file")
@@ -168,12 +183,12 @@ def _read(
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
     suffix = path.suffix.lower()
     if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
-        return read_arrays(path, key=key)
+        return read_arrays(path, key=key), None
     if layout == "hdf5" or (layout is None and suffix in CONTAINER_SUFFIXES):
-        return read_container(path, key=key, grid=grid)
+        return read_container(path, key=key, grid=grid), None
     if layout in get_args(Mosaic) or (layout is None and suffix in IMAGE_SUFFIXES):
         views = tone_mapped(path, read_mosaic(path, grid, cast(Mosaic | None, layout)))
-        return LightField(views=views, name=path.stem, source=path)
+        return LightField(views=views, name=path.stem, source=path), None
     if suffix in PLENOPTIC_SUFFIXES:
         raise InputError(f"{path}: {PLENOPTIC_REMEDY}")
     if suffix in UNSUPPORTED_SUFFIXES:
@@ -197,16 +212,6 @@ def _spaced(path: Path, light_field: LightField, spacing: tuple[float, float]) -
     return dataclasses.replace(light_field, positions=offsets)
 
 
-def _straightened(light_field: LightField) -> LightField:
-    """Return the light field with every second row of its grid reversed."""
-    views, usable = light_field.views.copy(), light_field.usable
-    views[1::2] = views[1::2, ::-1]
-    if usable is not None:
-        usable = usable.copy()
-        usable[1::2] = usable[1::2, ::-1]
-    return dataclasses.replace(light_field, views=views, usable=usable)
-
-
 def _check_view_order(
     path: Path, light_field: LightField, declared: Orientation, max_disparity: float | None
 ) -> ViewOrderReport:
@@ -216,10 +221,13 @@ def _check_view_order(
         rows, columns = light_field.grid
         warnings.warn(
             f"{path}: no view order of the {rows}x{columns} grid is consistent; "
-            "check the grid and the file layout",
+            "check the grid and the file layout; if neighbouring views differ by more than 0.4 of "
+            "their shorter side, pass max_disparity (--max-disparity)",
             ViewOrderWarning,
             stacklevel=3,
         )
+    if report.disorder is not None:
+        warnings.warn(f"{path}: {report.position_notes[0]}", ViewOrderWarning, stacklevel=3)
     if report.clearly_worse:
         likely = [declared.then(report.best)]
         if not report.sign_known:

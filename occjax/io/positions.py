@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -64,25 +66,21 @@ def arranged(
         InputError: If the rows or the columns of cameras have the same position.
     """
     positions = np.asarray(positions, np.float64)
-    matches = named.matches
+    order = np.arange(math.prod(named.grid)).reshape(named.grid)
     along = np.abs([[_step(positions, axis, c) for c in (0, 1)] for axis in (0, 1)])
     if along[0, 1] + along[1, 0] > along[0, 0] + along[1, 1]:
-        positions = positions.swapaxes(0, 1)
-        matches = {(v, u): match for (u, v), match in matches.items()}
-    rows, columns = positions.shape[:2]
+        positions, order = positions.swapaxes(0, 1), order.T
     if _step(positions, 0, 0) < 0:
-        positions = positions[::-1]
-        matches = {(rows - 1 - v, u): match for (v, u), match in matches.items()}
+        positions, order = positions[::-1], order[::-1]
     if _step(positions, 1, 1) < 0:
-        positions = positions[:, ::-1]
-        matches = {(v, columns - 1 - u): match for (v, u), match in matches.items()}
-    for size, step in zip((rows, columns), spacing(positions), strict=True):
+        positions, order = positions[:, ::-1], order[:, ::-1]
+    for size, step in zip(order.shape, spacing(positions), strict=True):
         if size > 1 and step == 0:
             raise InputError(
                 f"{folder}: cameras of several rows or columns have the same position; correct the "
                 "positions, or name the views only by row and column"
             )
-    return NamedViews((rows, columns), matches), positions
+    return named.reordered(order), positions
 
 
 def spacing(positions: np.ndarray) -> tuple[float, float]:
@@ -104,9 +102,27 @@ def _step(positions: np.ndarray, axis: int, component: int) -> float:
 
 
 def _read_csv(path: Path) -> np.ndarray:
-    """Read one line ``row,column`` for each view; a first line of words is a heading."""
+    """Read one line ``row,column`` for each view; a first line that is no numbers is a heading."""
     remedy = "write one line 'row,column' for each view, in the order of the views"
     with decoding(path, "a table of two columns", remedy=remedy):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-        heading = bool(lines) and any(character.isalpha() for character in lines[0])
-        return np.loadtxt(lines[heading:], delimiter=",", ndmin=2)
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    if numbered and _numbers(numbered[0][1]) is None:
+        del numbered[0]
+    rows = []
+    for number, line in numbered:
+        values = _numbers(line)
+        if values is None or len(values) != 2 or not np.isfinite(values).all():
+            raise InputError(
+                f"{path}: line {number} is {line.strip()[:60]!r}, not two numbers; {remedy}"
+            )
+        rows.append(values)
+    return np.array(rows).reshape(-1, 2)
+
+
+def _numbers(line: str) -> list[float] | None:
+    """Return the numbers of a line, between commas, semicolons or spaces; None for other text."""
+    try:
+        return [float(field) for field in re.split(r"\s*[,;\s]\s*", line.strip())]
+    except ValueError:
+        return None

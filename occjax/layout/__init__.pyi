@@ -9,6 +9,7 @@ from .orientation import (
     Orientation as Orientation,
     declaration as declaration,
     declared_orientation as declared_orientation,
+    straightened as straightened,
 )
 from .registration import Registration as Registration
 from .report import (

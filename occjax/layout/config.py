@@ -137,6 +137,9 @@ class ViewOrderConfig:
         sign_fraction: Fraction of collisions that settles the sign of disparity. Disparity edges
             that are too wide vote for the wrong sign: real 3x3 crops reach only 0.35 for the
             correct one.
+        disorder_ratio: Ratio of two mean grey differences above which views are in serpentine
+            order, or the centre view is not in its place. Such views differ by factors of 2 to 4.
+        max_moved_fraction: Fraction of misplaced views from which this is tested.
         min_textured_fraction: Fraction of textured pixels below which views that are equally
             consistent in all view orders may still be a light field.
         wrong_grid_fraction: Fraction of reliable pixels above which views that are equally
@@ -179,6 +182,8 @@ class ViewOrderConfig:
     min_hidden_difference: float = 0.08
     min_collisions: int = 50
     sign_fraction: float = 0.8
+    disorder_ratio: float = 1.4
+    max_moved_fraction: float = 0.2
     min_textured_fraction: float = 0.1
     wrong_grid_fraction: float = 0.85
     wrong_grid_disparity: float = 0.3

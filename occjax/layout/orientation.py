@@ -9,11 +9,18 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import check_one_of
 from occjax.lightfield import LightField, centre_index
+
+Order = Literal["vu", "uv", "serpentine"]
+"""Order in which files count views: rows first, columns first, or every second row backwards."""
+
+Flip = Literal["", "v", "u", "vu", "uv"]
+"""Axes of the grid that run backwards in the files."""
 
 
 @dataclass(frozen=True)
@@ -103,12 +110,12 @@ class Orientation:
             >>> Orientation(swap=True).apply(light_field).grid
             (5, 3)
         """
-        views = np.ascontiguousarray(self._lay_out(light_field.views))
+        views = np.ascontiguousarray(self.lay_out(light_field.views))
         rows, columns = views.shape[:2]
         positions, ground_truth = light_field.positions, light_field.ground_truth
-        usable = None if light_field.usable is None else self._lay_out(light_field.usable)
+        usable = None if light_field.usable is None else self.lay_out(light_field.usable)
         if positions is not None:
-            positions = self._lay_out(positions[..., ::-1] if self.swap else positions)
+            positions = self.lay_out(positions[..., ::-1] if self.swap else positions)
             signs = np.where([self.flip_rows, self.flip_columns], -1.0, 1.0)
             positions = positions * signs.astype(positions.dtype)
             positions = positions - positions[centre_index((rows, columns))]
@@ -123,8 +130,8 @@ class Orientation:
             view_order_report=None,
         )
 
-    def _lay_out(self, grid: np.ndarray) -> np.ndarray:
-        """Swap and flip the first two axes of an array."""
+    def lay_out(self, grid: np.ndarray) -> np.ndarray:
+        """Return a view of an array ``[V, U, ...]`` with the first two axes swapped and flipped."""
         if self.swap:
             grid = grid.swapaxes(0, 1)
         if self.flip_rows:
@@ -160,14 +167,23 @@ def declared_orientation(order: str, flip: str) -> Orientation:
         >>> declared_orientation("uv", "v")
         Orientation(swap=True, flip_rows=True, flip_columns=False)
     """
-    order = "vu" if order == "serpentine" else order  # the reader has reversed every second row
-    if order not in ("vu", "uv"):
-        raise InputError(
-            f"order is {order!r}; it must be 'vu' (row first), 'uv' (column first) or 'serpentine'"
-        )
-    if flip not in ("", "v", "u", "vu", "uv"):
-        raise InputError(f"flip is {flip!r}; it must be '', 'v' (rows), 'u' (columns) or 'vu'")
+    check_one_of("order", order, Order)
+    check_one_of("flip", flip, Flip)
     return Orientation(order == "uv", "v" in flip, "u" in flip)
+
+
+def straightened(grid: np.ndarray) -> np.ndarray:
+    """Return a copy of an array ``[V, U, ...]`` with every second row of the grid reversed.
+
+    It puts views in serpentine order into rows that all run from left to right, and back.
+
+    Example:
+        >>> straightened(np.arange(6).reshape(2, 3)).tolist()
+        [[0, 1, 2], [5, 4, 3]]
+    """
+    grid = grid.copy()
+    grid[1::2] = grid[1::2, ::-1]
+    return grid
 
 
 def declaration(orientation: Orientation) -> str:

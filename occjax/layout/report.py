@@ -15,12 +15,13 @@ from occjax.errors import InputError
 from occjax.layout.brightness import ViewBrightness, view_brightness
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
+from occjax.layout.disorder import Disorder, find_disorder, recentred
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
 from occjax.layout.registration import Registration, register
 from occjax.layout.spacing import column_spacing
-from occjax.lightfield import LightField, view_offsets
+from occjax.lightfield import LightField, centre_index, view_offsets
 
 DECLARED = Orientation()
 """The view order of the light field as it is given."""
@@ -61,6 +62,8 @@ class ViewOrderReport:
             correction.
         relative_spacing: Spacing of the view columns relative to the declared camera positions, if
             the two clearly disagree; nothing is corrected then.
+        disorder: What makes the views inconsistent that is no view order: ``"serpentine"`` if every
+            second row runs backwards, ``"centre"`` if the centre view is not in its place.
     """
 
     scores: dict[str, float]
@@ -76,6 +79,7 @@ class ViewOrderReport:
     max_disparity: float
     registration: Registration | None = None
     relative_spacing: float | None = None
+    disorder: Disorder | None = None
 
     @property
     def position_notes(self) -> tuple[str, ...]:
@@ -86,7 +90,24 @@ class ViewOrderReport:
                 f"{self.relative_spacing:.3g} times as far apart as declared; correct or leave out "
                 "--spacing or the file of the positions",
             )
-        return () if self.registration is None else self.registration.notes
+        notes = () if self.registration is None else self.registration.notes
+        if self.disorder == "serpentine":
+            advice = "every second row of views runs backwards; pass order (--order serpentine)"
+            return (advice, *notes)
+        if self.disorder == "centre":
+            row, column = centre_index(self.brightness.usable.shape)
+            return (
+                f"the centre view ({row}, {column}) is not in its place in the grid; without it "
+                "the other views are consistent; exchange its file with the right one",
+                *notes,
+            )
+        return notes
+
+    @property
+    def at_limit(self) -> bool:
+        """Whether the disparity range was measured and ends where the search ended."""
+        low, high = self.disparity_range
+        return bool(self.measured_fraction) and max(-low, high) >= self.max_disparity
 
     @property
     def declared_range(self) -> tuple[float, float]:
@@ -130,19 +151,80 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         return light_field.view_order_report
     config = ViewOrderConfig() if config is None else config
     measured = _measure(light_field, config)
+    report, rejected = _registered_report(light_field, measured, config)
+    moved = 0.0 if report.registration is None else report.registration.moved.mean()
+    orderly = moved <= config.max_moved_fraction and not rejected
+    if report.conclusive and not report.clearly_worse and orderly:
+        return report
+
+    def score(views: LightField) -> float:
+        return _measure(views, config).report.scores[DECLARED.name]
+
+    disorder = find_disorder(light_field, score, config)
+    if disorder == "serpentine":
+        return dataclasses.replace(report, disorder=disorder, best=DECLARED, clearly_worse=False)
+    if disorder == "centre":
+        return _report_without_centre(light_field, measured, config)
+    return report
+
+
+def _report_without_centre(
+    light_field: LightField, measured: _Measured, config: ViewOrderConfig
+) -> ViewOrderReport:
+    """Return the report on a light field whose centre view is not in its place.
+
+    A neighbour of the centre view is taken as the centre, and the position of the centre view is
+    measured against it.
+    """
+    parts = [(axis, recentred(light_field, axis)) for axis in (0, 1)]
+    measurements = [(axis, *part, _measure(part[0], config)) for axis, part in parts if part]
+    axis, others, step, found = min(
+        measurements, key=lambda each: each[-1].report.scores[DECLARED.name]
+    )
+    measured_places = register(
+        others, found.report.brightness, found.disparity, found.scale, config
+    )
+    registration = None
+    if measured_places is not None and measured_places.positions is not None:
+        kept = [slice(None), slice(None)]
+        kept[axis] = slice(1, None) if step == 1 else slice(None, -1)
+        inner, neighbour = tuple(kept), np.array([step, 0] if axis == 0 else [0, step], np.float32)
+        moved = np.zeros(light_field.grid, bool)
+        moved[inner] = measured_places.moved
+        positions = view_offsets(*light_field.grid)
+        positions[inner][measured_places.moved] = (measured_places.positions + neighbour)[
+            measured_places.moved
+        ]
+        positions = positions - positions[centre_index(light_field.grid)]
+        registration = Registration(1.0, positions, None, moved)
+    return dataclasses.replace(
+        found.report,
+        brightness=measured.report.brightness,
+        registration=registration,
+        disorder="centre",
+    )
+
+
+def _registered_report(
+    light_field: LightField, measured: _Measured, config: ViewOrderConfig
+) -> tuple[ViewOrderReport, bool]:
+    """Return the report with the measured corrections of the views, if they are clear.
+
+    Also return whether there are corrections that do not make the views more consistent.
+    """
     report = measured.report
     if report.best not in (DECLARED, DECLARED.reversed_sign):
-        return report  # Without the right view order, every view seems to be misplaced.
+        return report, False  # Without the right view order, every view seems to be misplaced.
     spacing = column_spacing(measured.volumes, DECLARED)
     if spacing is not None and light_field.positions is not None:
-        return dataclasses.replace(report, relative_spacing=spacing)
+        return dataclasses.replace(report, relative_spacing=spacing), False
     if not report.measured_fraction:
-        return report
+        return report, False
     if spacing is not None:
         offsets = view_offsets(*light_field.grid, column_spacing=spacing)
         measured = _measure(dataclasses.replace(light_field, positions=offsets), config)
         if not measured.report.measured_fraction:
-            return report
+            return report, False
     registration = register(
         light_field,
         measured.report.brightness,
@@ -152,14 +234,14 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         spacing,
     )
     if registration is None:
-        return report
+        return report, False
     corrected = _measure(registration.apply(light_field), config).report
     # A single view changes this little; another spacing must.
     improvement = 0.0 if spacing is None else config.registration.min_improvement
     most = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
     if corrected.scores[DECLARED.name] > most:
-        return report
-    return dataclasses.replace(corrected, registration=registration)
+        return report, True
+    return dataclasses.replace(corrected, registration=registration), False
 
 
 def view_order_scores(light_field: LightField, config: ViewOrderConfig) -> dict[str, float]:
@@ -291,14 +373,16 @@ def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tu
     low, high = report.declared_range
     if not report.measured_fraction:
         note = (
-            f"too little texture to measure the disparity range; searched [{low:.2f}, {high:.2f}]"
+            f"too little texture to measure the disparity range up to {report.max_disparity:.2f}; "
+            f"searched [{low:.2f}, {high:.2f}]; pass disparity_range (--disparity-range) or, if "
+            "the scene has larger disparities, max_disparity (--max-disparity) to load"
         )
     else:
         note = (
             f"disparity range [{low:.2f}, {high:.2f}] found by photo-consistency in "
-            f"{report.measured_fraction:.0%} of the pixels"
+            f"{report.measured_fraction:.0%} of the pixels, searched with a margin"
         )
-    if report.measured_fraction and max(-low, high) >= report.max_disparity:
+    if report.at_limit:
         note += (
             f"; it ends where the search ended, at {report.max_disparity:.2f}; if the scene has "
             "larger disparities, pass max_disparity (--max-disparity) to load"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.models.proposal.config import ProposalConfig
 from occjax.models.registry import ALIASES, PRESETS
 
@@ -111,8 +111,8 @@ def find_weights(name_or_path: str | Path) -> Path:
         return path
     if name not in named:
         raise InputError(
-            f"{name_or_path}: is neither a file nor the name of weights in the package; the "
-            f"package has {', '.join(named) or 'none'}"
+            f"{name_or_path}: is neither a file nor the name of weights in the package; "
+            f"{nearest(name, named)}"
         )
     weights = named[name]
     weights.verify()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Literal
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.models.occcasnet.config import OccCasNetConfig
 from occjax.models.occcasnet.presets import PRESETS as OCCCASNET_PRESETS
 from occjax.models.proposal.config import PRESETS as PROPOSAL_PRESETS, ProposalConfig
@@ -45,7 +45,7 @@ def preset(name: str, **changes: Any) -> Any:
     """
     name = ALIASES.get(name, name)
     if name not in PRESETS:
-        raise InputError(f"there is no model {name!r}; choose one of {', '.join(PRESETS)}")
+        raise InputError(f"there is no model {name!r}; {nearest(name, PRESETS)}")
     return replace(PRESETS[name], **changes)
 
 

@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.estimators.protocol import Estimate
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, Metrics, compare
 from occjax.io.atomic import atomic_folder
@@ -66,7 +66,7 @@ class OutputOptions:
         """Check the names and the confidence."""
         for name in self.save:
             if name not in GROUPS:
-                raise InputError(f"{name} is nothing to save; choose among {', '.join(GROUPS)}")
+                raise InputError(f"{name} is nothing to save; {nearest(name, GROUPS)}")
         if self.min_confidence is not None and not 0.0 <= self.min_confidence <= 1.0:
             raise InputError(f"min_confidence is {self.min_confidence:g}; pass 0 to 1")
 

@@ -11,14 +11,9 @@ from typing import Annotated
 from tyro.conf import AvoidSubcommands, Positional, arg
 
 from occjax.errors import InputError
-from occjax.models import PRESETS, preset
-from occjax.training.config import RunConfig, TrainConfig
-from occjax.training.data import DataConfig, fixed, make_source, validation_scenes
-from occjax.training.logging import read_log
-from occjax.training.loop import train
+from occjax.models import PRESETS, OccCasNetConfig, preset
+from occjax.training.config import DataConfig, RunConfig, TrainConfig
 from occjax.training.recipes import RECIPES, Recipe, recipe
-from occjax.training.tasks import task_of
-from occjax.training.validation import scenes_from_folders
 
 DEFAULT_RECIPE = "proposal"
 
@@ -83,6 +78,11 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
                 f"--overfit-one needs two lines of the log, but {config.steps} steps with a line "
                 f"every {run.log_every} have fewer; pass more --steps or a smaller --log-every"
             )
+        # The rest imports JAX. A wrong argument is reported without it.
+        from occjax.training.data import fixed, make_source, validation_scenes
+        from occjax.training.loop import train
+        from occjax.training.validation import scenes_from_folders
+
         source = make_source(data, config.network)
         scenes = scenes_from_folders(validate)
         scenes += validation_scenes(data, validation_samples)
@@ -116,9 +116,8 @@ def _defaults(arguments: Sequence[str]) -> Recipe:
     if name is None:
         return chosen
     network, scenes = preset(name), chosen.data.scenes
-    views = task_of(network).view_selection(scenes.views)
-    if not isinstance(views, str):
-        scenes = dataclasses.replace(scenes, grid=views, views="all")
+    if isinstance(network, OccCasNetConfig):
+        scenes = dataclasses.replace(scenes, grid=network.views, views="all")
     return dataclasses.replace(
         chosen,
         train=dataclasses.replace(chosen.train, network=network),
@@ -137,6 +136,8 @@ def _value_of(arguments: Sequence[str], option: str) -> str | None:
 
 def _report_overfit(folder: Path) -> int:
     """Print first and last loss of the one batch; return 1 if the loss has not halved."""
+    from occjax.training.logging import read_log
+
     entries = [entry for entry in read_log(folder) if entry["kind"] == "train"]
     first, last = entries[0], entries[-1]
     print(

@@ -8,9 +8,12 @@ may change with every start.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
+from occjax.data.config import AugmentationConfig
+from occjax.data.procedural import SceneConfig
 from occjax.errors import InputError, check_one_of
 from occjax.models.registry import ModelConfig, Precision
 
@@ -161,3 +164,60 @@ class RunConfig:
     def __post_init__(self) -> None:
         """Check the values."""
         _check_positive(self, "", *(field.name for field in dataclasses.fields(self)))
+
+
+@dataclass(frozen=True)
+class PatchConfig:
+    """Choice of the patches that are cut out of prepared light fields.
+
+    Attributes:
+        draws: Number of random places for a patch, of which the one with the most correctable
+            pixels is used.
+        correctable_error: Error threshold in pixels per view step: above it a pixel counts as
+            wrong, below it a proposal counts as correct.
+    """
+
+    draws: int = 4
+    correctable_error: float = 0.05
+
+    def __post_init__(self) -> None:
+        """Check the number of places."""
+        if self.draws < 1:
+            raise InputError(f"data.patches.draws is {self.draws}; pass 1 or more")
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """Sources of training data and their shares of every batch.
+
+    Attributes:
+        batch_size: Light fields per step.
+        procedural_share: Relative share of procedural light fields; rendering them in every step
+            needs a GPU.
+        kept: Number of procedural light fields that are rendered before the first step, kept on the
+            device and drawn from, 0.7 MB for each of 9x9 views and 64x64 pixels; 0 renders new ones
+            in every step.
+        scenes: Distribution of the procedural light fields.
+        pools: Folders of procedural light fields that ``occjax pool`` rendered.
+        pool_share: Relative share of the light fields of all pools together.
+        prepared: For ProposalNet, folder in which the proposals are kept. Training then uses the
+            light fields of the pools only (:mod:`occjax.training.prepared`).
+        patches: Choice of the patches of prepared light fields.
+        folders: Scenes with ground truth, or folders of such scenes.
+        folder_share: Relative share of patches of these scenes.
+        augmentation: Random variation of light fields; None disables it.
+        seed: Seed of everything that is drawn at random.
+    """
+
+    batch_size: int = 16
+    procedural_share: float = 1.0
+    kept: int = 0
+    scenes: SceneConfig = field(default_factory=SceneConfig)
+    pools: tuple[Path, ...] = ()
+    pool_share: float = 1.0
+    prepared: Path | None = None
+    patches: PatchConfig = field(default_factory=PatchConfig)
+    folders: tuple[Path, ...] = ()
+    folder_share: float = 1.0
+    augmentation: AugmentationConfig | None = field(default_factory=AugmentationConfig)
+    seed: int = 0

@@ -1,67 +1,29 @@
-"""Settings of the training data, and the source of batches that they describe."""
+"""The source of batches that the settings of the training data describe."""
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 import jax
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.folders import folder_source
 from occjax.data.pool import pool_source
-from occjax.data.procedural import SceneConfig
 from occjax.data.scenes import load_scenes
 from occjax.data.sources import Source, cached_source, mixture, procedural_source
 from occjax.errors import InputError
 from occjax.lightfield import LightField
 from occjax.models import ModelConfig, ProposalConfig
-from occjax.training.prepared import PatchConfig, prepared_source
+from occjax.training.config import DataConfig
+from occjax.training.prepared import prepared_source
 from occjax.training.step import BatchSource
 from occjax.training.tasks import task_of
 from occjax.training.validation import scenes_from_batch
 
 VALIDATION_SEED = 2**31
 """Added to the seed for procedural scenes that only validation uses."""
-
-
-@dataclass(frozen=True)
-class DataConfig:
-    """Sources of training data and their shares of every batch.
-
-    Attributes:
-        batch_size: Light fields per step.
-        procedural_share: Relative share of procedural light fields; rendering them in every step
-            needs a GPU.
-        kept: Number of procedural light fields that are rendered before the first step, kept on the
-            device and drawn from, 0.7 MB for each of 9x9 views and 64x64 pixels; 0 renders new ones
-            in every step.
-        scenes: Distribution of the procedural light fields.
-        pools: Folders of procedural light fields that ``occjax pool`` rendered.
-        pool_share: Relative share of the light fields of all pools together.
-        prepared: For ProposalNet, folder in which the proposals are kept. Training then uses the
-            light fields of the pools only (:mod:`occjax.training.prepared`).
-        patches: Choice of the patches of prepared light fields.
-        folders: Scenes with ground truth, or folders of such scenes.
-        folder_share: Relative share of patches of these scenes.
-        augmentation: Random variation of light fields; None disables it.
-        seed: Seed of everything that is drawn at random.
-    """
-
-    batch_size: int = 16
-    procedural_share: float = 1.0
-    kept: int = 0
-    scenes: SceneConfig = field(default_factory=SceneConfig)
-    pools: tuple[Path, ...] = ()
-    pool_share: float = 1.0
-    prepared: Path | None = None
-    patches: PatchConfig = field(default_factory=PatchConfig)
-    folders: tuple[Path, ...] = ()
-    folder_share: float = 1.0
-    augmentation: AugmentationConfig | None = field(default_factory=AugmentationConfig)
-    seed: int = 0
 
 
 def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:

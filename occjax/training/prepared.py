@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
@@ -21,7 +20,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float16, Int16, UInt8
 
 import occjax
-from occjax.data.augmentation import AugmentationConfig, random_noise, random_tone
+from occjax.data.augmentation import random_noise, random_tone
+from occjax.data.config import AugmentationConfig
 from occjax.data.pool import DESCRIPTION, light_field_files, read_sample, shuffled
 from occjax.data.samples import LightFieldSample, select_views, to_device
 from occjax.data.sources import check_batch_size
@@ -34,6 +34,7 @@ from occjax.models import ProposalConfig, ProposalNet
 from occjax.models.config_json import config_to_json
 from occjax.models.proposal.aperture import SECTORS
 from occjax.models.proposal.proposals import ProposalCosts, Proposals
+from occjax.training.config import PatchConfig
 
 PREPARATION = "preparation.json"
 """File that describes the light fields of a folder of prepared light fields."""
@@ -41,26 +42,6 @@ PREPARATION = "preparation.json"
 DISPARITY_STEPS = 4096.0
 """Number of steps per pixel in which proposed disparities are stored, up to 8 pixels per view step
 in either direction."""
-
-
-@dataclass(frozen=True)
-class PatchConfig:
-    """Choice of the patches that are cut out of prepared light fields.
-
-    Attributes:
-        draws: Number of random places for a patch, of which the one with the most correctable
-            pixels is used.
-        correctable_error: Error threshold in pixels per view step: above it a pixel counts as
-            wrong, below it a proposal counts as correct.
-    """
-
-    draws: int = 4
-    correctable_error: float = 0.05
-
-    def __post_init__(self) -> None:
-        """Check the number of places."""
-        if self.draws < 1:
-            raise InputError(f"data.patches.draws is {self.draws}; pass 1 or more")
 
 
 class PackedProposals(NamedTuple):

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.procedural import TEXTURED, Defects, SceneConfig
-from occjax.errors import InputError
+from occjax.errors import InputError, nearest
 from occjax.models import ALIASES, OccCasNetConfig, preset
-from occjax.training.config import LossConfig, OptimiserConfig, RunConfig, TrainConfig
-from occjax.training.data import DataConfig
+from occjax.training.config import DataConfig, LossConfig, OptimiserConfig, RunConfig, TrainConfig
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def recipe(name: str) -> Recipe:
     """
     name = ALIASES.get(name, name)
     if name not in RECIPES:
-        raise InputError(f"there is no recipe named {name!r}; there are {', '.join(RECIPES)}")
+        raise InputError(f"there is no recipe {name!r}; {nearest(name, RECIPES)}")
     return RECIPES[name]()
 
 

@@ -28,7 +28,7 @@ def test_help_and_version_import_no_heavy_packages(argument):
     assert imported_by(code) == "[]"
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS.keys() - {"train"}))
+@pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_a_wrong_argument_is_reported_without_heavy_packages(command):
     code = (
         f"sys.argv = ['occjax', '{command}', '--no-such-option']\n"
@@ -58,11 +58,13 @@ def test_help_lists_all_commands(run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("estimat", "scene"), "estimat is not a command; did you mean estimate"),
+        (("estimat", "scene"), "estimat is not a command; did you mean 'estimate'?"),
         (("scene.npz",), "the commands are estimate, demo, check"),
         (("estimate", "absent", "-o", "out"), "absent"),
         (("estimate", "-o", "out"), "pass at least one scene"),
         (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),
+        (("estimate", "a", "-o", "out", "--model", "photometrik"), "did you mean 'photometric'?"),
+        (("estimate", "a", "-o", "out", "--weights", "Proposl"), "did you mean 'proposal'?"),
         (("evaluate", "absent.pfm", "truth.pfm"), "absent.pfm"),
         (("check", "absent"), "absent"),
     ],

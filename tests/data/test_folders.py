@@ -5,7 +5,7 @@ import jax
 import numpy as np
 import pytest
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.folders import folder_source
 from occjax.data.scenes import Scene, load_scenes
 from occjax.errors import InputError

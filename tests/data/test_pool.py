@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from occjax.data import pool
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.pool import light_field_files, pool_source, read_sample, render_pool, write_sample
 from occjax.data.procedural import SceneConfig
 from occjax.errors import InputError

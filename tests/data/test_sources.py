@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occjax.data import sources
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import LightFieldSample
 from occjax.data.sources import cached_source, mixture, procedural_source, shares

@@ -72,6 +72,14 @@ def test_measured_range_is_noted_and_declared_range_is_not():
     assert choose_range(plane(disparity_range=(-1.0, 2.0)), None) == ((-1.0, 2.0), ())
 
 
+def test_without_a_measured_range_disparities_keep_to_the_range_that_is_told():
+    noise = np.random.default_rng(0).random((3, 3, 16, 16), np.float32)
+    result = estimate(noise, model="photometric")
+    assert any("; searched [-4.00, 4.00]" in note for note in result.notes)
+    assert result.disparity_range == (-4.0, 4.0)
+    assert np.abs(result.disparity).max() <= 4.0
+
+
 def test_range_is_that_of_the_declared_layout():
     """Occlusion shows that the grid is rotated by 180 degrees; the declared layout is used."""
     rotated = LightField(two_planes()[0][::-1, ::-1])  # disparities of 1 and -1.5
@@ -107,12 +115,12 @@ def test_many_disparities_at_a_limit_are_noted(low, high, limit):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"model": "no_such_model"}, r"no_such_model.*photometric, cas_1"),
+        ({"model": "no_such_model"}, r"no_such_model.*'photometric' or 'cas_1'"),
         ({"model": "occcasnet"}, "occjax weights fetch"),
         ({"model": "photometric", "weights": "w.h5"}, "takes no weights"),
         ({"model": "photometric", "warp": "correct"}, "has no warp"),
         ({"warp": "correct"}, "has no warp option"),
-        ({"precision": "float16"}, "'float32' or 'bfloat16'"),
+        ({"precision": "float16"}, "did you mean 'bfloat16'"),
         ({"weights": "absent.safetensors"}, "absent.safetensors: there is no such file"),
     ],
 )

@@ -1,5 +1,7 @@
 """File names: patterns, the patterns of unknown names, and the grid that they form."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,6 +9,7 @@ from PIL import Image
 from occjax.errors import InputError
 from occjax.io import GridWarning, load, read_pfm
 from occjax.io.arrays import write_arrays
+from occjax.io.images import read_image
 from occjax.io.naming.proposals import propose_patterns
 from occjax.lightfield import LightField
 from tests.io.files import save_views
@@ -186,11 +189,95 @@ def test_missing_outer_rows_need_a_grid_to_count(tmp_path, views):
     assert usable.any(0).tolist() == [False, True, True, True, False]
 
 
-def test_a_missing_centre_view_is_refused(tmp_path, views):
-    folder = save_views(tmp_path, views, lambda v, u: f"s_{v + 1:02d}_{u + 1:02d}.png")
-    (folder / "s_03_03.png").unlink()
-    with pytest.raises(InputError, match=r"1 of the 5x5 .* the centre view s_03_03\.png"):
-        load_unchecked(folder)
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+@pytest.mark.parametrize(
+    ("name", "grid", "missing", "options", "advice"),
+    [
+        ("s_{v}_{u}.png", (5, 5), [(2, 2)], {}, r"move the first row of views \(s_0_0.png"),
+        ("s_{v}_{u}.png", (5, 5), [(2, 2), (3, 2)], {}, r"first column .* s_2_3.png is the"),
+        ("s_{v}_{u}.png", (4, 4), [(1, 1)], {"flip": "vu"}, "last row|first row"),
+        ("input_Cam0{i:02}.png", (5, 5), [(2, 2)], {}, r"last two rows .*--grid 3 5"),
+        ("input_Cam0{i:02}.png", (4, 5), [(2, 2)], {"grid": (4, 5)}, r"last row .*--grid 3 5"),
+    ],
+)
+def test_the_advice_on_a_missing_centre_view_works(
+    tmp_path, views, name, grid, missing, options, advice
+):
+    rows, columns = grid
+
+    def named(v, u):
+        return name.format(v=v, u=u, i=columns * v + u)
+
+    folder = save_views(tmp_path, views[:rows, :columns], named)
+    for index in missing:
+        (folder / named(*index)).unlink()
+    with pytest.raises(InputError, match=rf"the centre view {named(*missing[0])} .*{advice}") as e:
+        load_unchecked(folder, **options)
+    side = re.search("move the (first|last|last two) (row|column)s? of", str(e.value))
+    assert side is not None
+    places = {"first": [0], "last": [-1], "last two": [-2, -1]}[side[1]]
+    axis = ("row", "column").index(side[2])
+    for index in np.argwhere(np.isin(np.indices(grid)[axis], np.array(places) % grid[axis])):
+        (folder / named(*index)).unlink(missing_ok=True)
+    option = re.search(r"--grid (\d+) (\d+)", str(e.value))
+    options = {**options, **({"grid": (int(option[1]), int(option[2]))} if option else {})}
+    loaded = load_unchecked(folder, **options)
+    new_centre = re.search(r"([\w.]+) is the centre view of the (\d)x(\d) views", str(e.value))
+    assert new_centre is not None
+    assert loaded.grid == (int(new_centre[2]), int(new_centre[3]))
+    np.testing.assert_array_equal(loaded.centre, read_image(folder / new_centre[1]))
+
+
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+def test_the_centre_view_is_that_of_the_declared_order(tmp_path, views):
+    """A flip of four rows makes row 1 of the files the centre row."""
+    folder = save_views(tmp_path, views[:4], lambda v, u: f"s_{v}_{u}.png")
+    (folder / "s_2_2.png").unlink()
+    loaded = load_unchecked(folder, flip="v")
+    np.testing.assert_array_equal(loaded.centre, views[1, 2])
+    assert np.argwhere(~loaded.usable).tolist() == [[1, 2]]
+
+
+def test_views_of_several_suffixes_are_read_together(tmp_path, views):
+    def name(v, u):
+        return f"cam-{v}-{u}.{'png' if v + u < 3 else 'bmp'}"
+
+    save_views(tmp_path, views, name)
+    with pytest.warns(GridWarning, match=r"--pattern 'cam-\{v\}-\{u\}\.\*'"):
+        np.testing.assert_array_equal(load_unchecked(tmp_path).views, views)
+    (tmp_path / "cam-0-0.txt").write_text("no image")
+    loaded = load_unchecked(tmp_path, pattern="cam-{v}-{u}.*")
+    np.testing.assert_array_equal(loaded.views, views)
+
+
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+@pytest.mark.parametrize("suffix", ["bmp", "webp"])
+def test_images_of_another_suffix_that_are_not_read_are_named(tmp_path, views, suffix):
+    folder = save_views(tmp_path, views, lambda v, u: f"a{v}b{u}.png")
+    for u in range(3):
+        Image.fromarray(views[0, 0]).save(folder / f"a9b{u}.{suffix}")
+    with pytest.warns(GridWarning, match=rf"3 images of another .*\(a9b0.{suffix}, a9b1"):
+        assert load_unchecked(folder).grid == (5, 5)
+
+
+def test_of_views_in_two_formats_one_is_read(tmp_path, views):
+    for suffix in ("bmp", "png"):
+        save_views(tmp_path, views, lambda v, u, suffix=suffix: f"a{v}b{u}.{suffix}")
+    with pytest.warns(GridWarning, match=r"read by --pattern 'a\{v\}b\{u\}.png'") as warned:
+        np.testing.assert_array_equal(load_unchecked(tmp_path).views, views)
+    assert len(warned) == 1
+
+
+def test_a_view_of_another_size_is_not_used(tmp_path, views):
+    folder = save_views(tmp_path, views, hci)
+    Image.fromarray(views[0, 0, :40, :50]).save(folder / hci(1, 3))
+    with pytest.warns(GridWarning, match="input_Cam008.png: is 50x40 RGB uint8, not 56x48 RGB"):
+        loaded = load_unchecked(folder, grid=(5, 5))
+    assert np.argwhere(~loaded.usable).tolist() == [[1, 3]]
+    for u in range(4):
+        Image.fromarray(views[0, 0, :40, :50]).save(folder / hci(0, u))
+    with pytest.raises(InputError, match=r"20 of 56x48 RGB uint8 and 5 of 50x40 .*_Cam000.png"):
+        load_unchecked(folder, grid=(5, 5))
 
 
 def test_a_stray_file_makes_no_grid(tmp_path, views):

@@ -35,6 +35,23 @@ def test_a_table_may_have_a_heading(folder):
     np.testing.assert_allclose(read(folder).positions, view_offsets(3, 4) * [1.0, 2.0])
 
 
+@pytest.mark.parametrize(
+    ("first", "last", "message"),
+    [
+        ("0,0", None, r"has 11 positions, float64 \[11, 2\], but the 3x4 grid has 12 views"),
+        ("nan,nan", "2,6", "line 1 is 'nan,nan', not two numbers; write one line 'row,column'"),
+        ("0,0", "2;6;1", "line 12 is '2;6;1', not two numbers"),
+        ("0,0", "2,six", "line 12 is '2,six'"),
+    ],
+)
+def test_a_wrong_line_of_a_table_is_named(folder, first, last, message):
+    lines = [f"{v},{2 * u}" for v, u in np.ndindex(3, 4)][1:-1]
+    lines = [first, *lines, *([last] if last else [])]
+    (folder / "positions.csv").write_text("\n".join(lines) + "\n\n")
+    with pytest.raises(InputError, match=message):
+        read(folder)
+
+
 def test_views_are_ordered_by_their_positions(folder):
     """The first index of the names is the column, counted from right to left."""
     v, u = np.mgrid[:3, :4]
@@ -49,8 +66,12 @@ def test_views_are_ordered_by_their_positions(folder):
     ("positions", "message"),
     [
         (np.zeros((3, 4, 2)), "all the same"),
-        (np.full((12, 2), np.nan), "not finite"),
-        (np.zeros((11, 2)), r"shape \[11, 2\], not \[3, 4, 2\]"),
+        (np.full((12, 2), np.nan), "12 of 12 positions are NaN .* in row 0, column 0"),
+        (
+            np.zeros((11, 2)),
+            r"has 11 positions, float64 \[11, 2\], but the 3x4 grid has 12 views; write one",
+        ),
+        (np.zeros((3, 4)), r"has positions, float64 \[3, 4\], but"),
         (np.stack([np.arange(12.0), np.zeros(12)], -1), "have the same position"),
     ],
 )

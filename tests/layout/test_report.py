@@ -3,12 +3,29 @@ import dataclasses
 import numpy as np
 import pytest
 
+from occjax.cli.view_order_text import format_report
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
-from occjax.io import join_macpi, join_tiles, load, read_pfm, split_macpi, split_tiles
-from occjax.layout import ORIENTATIONS, Orientation, ViewOrderConfig, check, disparity_range_of
-from occjax.lightfield import LightField
+from occjax.io import (
+    ViewOrderWarning,
+    join_macpi,
+    join_tiles,
+    load,
+    read_pfm,
+    split_macpi,
+    split_tiles,
+)
+from occjax.layout import (
+    ORIENTATIONS,
+    Orientation,
+    ViewOrderConfig,
+    check,
+    disparity_range_of,
+    straightened,
+)
+from occjax.lightfield import LightField, view_offsets
 from tests.io.scenes import texture, two_planes
+from tests.scenes import plane
 
 DECLARED = Orientation()
 
@@ -278,6 +295,16 @@ def test_the_range_is_declared_or_measured_and_explained(scene):
     assert "too little texture" in note
 
 
+def test_disparities_beyond_the_search_say_which_option_extends_it(tmp_path):
+    """A wall of 45 pixels per view step, in views of 96 pixels, of which 38 are searched."""
+    far = plane((3, 3), (96, 96), disparity=45.0)
+    assert "pass max_disparity (--max-disparity)" in disparity_range_of(far)[1][0]
+    np.save(tmp_path / "far.npy", far.views)
+    with pytest.warns(ViewOrderWarning, match=r"pass max_disparity \(--max-disparity\)"):
+        load(tmp_path / "far.npy")
+    assert "pass a larger --max-disparity" in format_report(check(far), DECLARED)
+
+
 def test_a_report_is_measured_once_and_belongs_to_its_views(tmp_path, scene):
     np.save(tmp_path / "scene.npy", scene.views)
     loaded = load(tmp_path / "scene.npy")
@@ -306,3 +333,35 @@ def test_a_search_that_ends_before_the_scene_says_so():
     _, (note,) = disparity_range_of(light_field)
     assert "where the search ended" in note
     assert "--max-disparity" in note
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (5, 5), (4, 4)])
+def test_serpentine_order_is_proposed(grid):
+    """The centre row of three is reversed too, that of five is not."""
+    report = check(LightField(straightened(two_planes(grid, far=-0.6, near=0.8)[0])))
+    assert report.disorder == "serpentine"
+    assert "pass order (--order serpentine)" in report.position_notes[0]
+    assert "pass --order serpentine" in format_report(report, DECLARED)
+
+
+@pytest.mark.parametrize("other", [(2, 3), (0, 0)])
+def test_a_swapped_centre_view_is_the_misplaced_one(scene, other):
+    views = scene.views.copy()
+    views[2, 2], views[other] = scene.views[other], scene.views[2, 2]
+    report = check(LightField(views))
+    assert report.disorder == "centre"
+    assert report.position_notes[0].startswith("the centre view (2, 2) is not in its place")
+    assert report.registration is not None
+    moved = {tuple(index) for index in np.argwhere(report.registration.moved).tolist()}
+    assert (2, 2) in moved <= {(2, 2), other}
+    regular = view_offsets(5, 5)
+    expected = regular - regular[other]
+    at_place = ~report.registration.moved
+    np.testing.assert_allclose(
+        report.registration.positions[at_place], expected[at_place], atol=0.1
+    )
+    assert report.disparity_range == pytest.approx(check(scene).disparity_range, abs=0.3)
+
+
+def test_clean_views_have_no_disorder(scene):
+    assert check(scene).disorder is None

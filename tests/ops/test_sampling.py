@@ -174,5 +174,5 @@ def test_gradient_of_a_half_precision_image_is_summed_in_single_precision():
 
 @pytest.mark.usefixtures("unchecked")
 def test_unknown_border_is_refused():
-    with pytest.raises(InputError, match="border is 'zeros'; pass 'replicate' or 'zero'"):
+    with pytest.raises(InputError, match="border is 'zeros'; did you mean 'zero'"):
         ops.warp(IMAGE, DISPARITY, OFFSET, border="zeros")

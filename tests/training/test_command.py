@@ -36,7 +36,7 @@ def started(monkeypatch):
         calls.update(config=config, source=source, folder=folder, **options)
         return Trained(None, True, folder / "weights.safetensors")
 
-    monkeypatch.setattr(command, "train", train)
+    monkeypatch.setattr("occjax.training.loop.train", train)
     return calls
 
 
@@ -76,8 +76,11 @@ def test_another_preset_brings_its_views(started, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--recipe", "strong"], "no recipe named 'strong'; there are proposal, full"),
-        (["--recipe", "tiny", "--network-preset", "tine"], "there is no model 'tine'"),
+        (["--recipe", "strong"], "no recipe 'strong'; choose 'proposal' or 'full'"),
+        (
+            ["--recipe", "tiny", "--network-preset", "tine"],
+            "there is no model 'tine'; did you mean 'tiny'",
+        ),
         (["--recipe", "tiny", "--data.scenes.grid", "5", "5"], "all views of a 3x3 grid"),
         (["--recipe", "tiny", "--data.procedural-share", "0"], "no training data; give"),
         (["--recipe", "tiny", "--data.pools", "nowhere"], "nowhere: is not a pool"),

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from occjax.data.augmentation import AugmentationConfig
+from occjax.data.config import AugmentationConfig
 from occjax.data.pool import read_sample, render_pool
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import to_device

@@ -7,13 +7,12 @@ import math
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.naming.patterns import NAMES, index_value, renamed
-from occjax.lightfield import centre_index
 
 BENCHMARK_VIEWS = 81
 """Number of views of the benchmarks, which is taken as a 9x9 grid without a warning."""
@@ -40,18 +39,31 @@ class NamedViews:
         other_grid: ``(V, U)`` of a second reading of the names, row by row in the same order: one
             row of views may also be a square whose views are numbered. None if there is only one.
         guess: If the grid was guessed from the number of views, how they are ordered; else None.
+        missing: File name that each view that is not there would have, by its index.
     """
 
     grid: tuple[int, int]
     matches: dict[tuple[int, int], re.Match[str]]
     other_grid: tuple[int, int] | None = None
     guess: str | None = None
+    missing: dict[tuple[int, int], str] = field(default_factory=dict)
 
     def regrouped(self, grid: tuple[int, int]) -> NamedViews:
         """Return the same views, row by row in the same order, as another grid."""
         ordered = [self.matches[index] for index in sorted(self.matches)]
         matches = {divmod(k, grid[1]): match for k, match in enumerate(ordered)}
         return NamedViews(grid, matches, guess=self.guess or "")
+
+    def reordered(self, order: np.ndarray) -> NamedViews:
+        """Return the same views in another order.
+
+        Args:
+            order: ``[V, U]`` number, row by row in the present grid, of the view at each place.
+        """
+        places = {divmod(int(k), self.grid[1]): index for index, k in np.ndenumerate(order)}
+        matches = {places[index]: match for index, match in self.matches.items()}
+        missing = {places[index]: name for index, name in self.missing.items()}
+        return NamedViews(order.shape, matches, missing=missing)
 
 
 def arrange_by_number(
@@ -69,7 +81,7 @@ def arrange_by_number(
         grid: ``(V, U)``; None for a square.
 
     Raises:
-        InputError: If the number of views fits no grid, or the centre view is missing.
+        InputError: If the number of views fits no grid.
 
     Warns:
         GridWarning: If views are missing.
@@ -134,7 +146,7 @@ def arrange_by_row_and_column(
         grid: ``(V, U)``; None to take it from the names.
 
     Raises:
-        InputError: If the names show another grid or none, or the centre view is missing.
+        InputError: If the names show another grid or none.
 
     Warns:
         GridWarning: If views are missing.
@@ -181,7 +193,7 @@ def arrange_by_row_and_column(
 def _incomplete(
     folder: str, named: NamedViews, fields: Callable[[int, int], dict[str, int]]
 ) -> NamedViews:
-    """Warn of the missing views of a grid, and refuse a grid without its centre view.
+    """Warn of the missing views of a grid, and add their names.
 
     Args:
         folder: Name of the folder.
@@ -197,20 +209,13 @@ def _incomplete(
     if not missing:
         return named
     are = "is" if len(missing) == 1 else "are"
-    shape = f"{named.grid[0]}x{named.grid[1]}"
-    if (centre := missing.get(centre_index(named.grid))) is not None:
-        raise InputError(
-            f"{folder}: {len(missing)} of the {shape} views {are} missing, among them the centre "
-            f"view {centre}, for which disparity is estimated; add it, or move an outer row or "
-            "column to another folder, so that another view is the centre"
-        )
     warnings.warn(
-        f"{folder}: {len(missing)} of the {shape} views {are} missing "
+        f"{folder}: {len(missing)} of the {named.grid[0]}x{named.grid[1]} views {are} missing "
         f"({first_few(list(missing.values()))}) and not used",
         GridWarning,
         stacklevel=5,
     )
-    return named
+    return dataclasses.replace(named, missing=missing)
 
 
 def first_few(names: list[str]) -> str:

@@ -40,7 +40,8 @@ def pattern_to_regex(pattern: str) -> re.Pattern[str]:
 
     Args:
         pattern: For instance ``"view_{v}_{u}.png"``. A field matches a number, with or without a
-            sign, or one letter. ``*`` matches any text without a slash.
+            sign, or one letter. ``*`` matches any text without a slash, ``.*`` at the end the
+            suffix of any image that is read.
 
     Raises:
         InputError: If the pattern does not have exactly those fields.
@@ -55,7 +56,9 @@ def pattern_to_regex(pattern: str) -> re.Pattern[str]:
             f"pattern {pattern!r} must contain {{v}} and {{u}} (row and column) or {{i}} (number), "
             "each once"
         )
-    text = ""
+    text, suffix = "", ""
+    if pattern.endswith(".*"):
+        pattern, suffix = pattern[:-2], f"(?i:{_SUFFIX})"
     for part in re.split(r"(\{[vui]\}|\*)", pattern):
         if part == "*":
             text += r"[^/]*?"
@@ -63,7 +66,7 @@ def pattern_to_regex(pattern: str) -> re.Pattern[str]:
             text += rf"(?P<{part[1]}>[+-]?\d+|[A-Za-z])"
         else:
             text += re.escape(part)
-    return re.compile(text)
+    return re.compile(text + suffix)
 
 
 def index_value(text: str) -> int:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import PurePosixPath
+
+from occjax.io.images import IMAGE_SUFFIXES
 
 _FIELD = re.compile(
     r"(?:(?<![A-Za-z\d])[+-])?\d+|(?<![A-Za-z])[A-Za-z](?![A-Za-z])|(?<=[a-z])[A-Z](?![A-Za-z])"
@@ -23,7 +26,8 @@ def propose_patterns(names: list[str]) -> list[str]:
     The names may differ in any number of fields, for instance in the row, the column, and the
     camera position. Two fields that take all combinations of their values are row and column. If
     there are none, two fields that take most combinations are, else one field that differs in all
-    names is the number of the view.
+    names is the number of the view. Files of several suffixes are read together, unless those of
+    one suffix alone fill a grid.
 
     Args:
         names: Names of the images.
@@ -39,12 +43,38 @@ def propose_patterns(names: list[str]) -> list[str]:
     groups = defaultdict(list)
     for name in names:
         path = PurePosixPath(name)
-        groups[_FIELD.sub("\0", path.stem), path.suffix].append(path.stem)
+        groups[_FIELD.sub("\0", path.stem)].append(path)
     if not groups:
         return []
-    (template, suffix), stems = max(groups.items(), key=lambda item: len(item[1]))
-    if len(stems) <= len(names) / 2:
-        return []
+    template, paths = max(groups.items(), key=lambda item: len({path.stem for path in item[1]}))
+    stems = {
+        suffix: [path.stem for path in paths if path.suffix == suffix]
+        for suffix in _suffixes(paths)
+    }
+    together = [path.stem for path in paths]
+    if len(stems) > 1 and len(set(together)) == len(together):
+        stems = {".*": together, **stems}
+    readings = {
+        suffix: _fitting(template, suffix, group)
+        for suffix, group in stems.items()
+        if len(group) > len({PurePosixPath(name).stem for name in names}) / 2
+    }
+    complete = [patterns for patterns, fills in readings.values() if fills]
+    return [*complete, *(patterns for patterns, _ in readings.values()), []][0]
+
+
+def _suffixes(paths: list[PurePosixPath]) -> list[str]:
+    """Return the suffixes of the paths, the most frequent first."""
+    counts = Counter(path.suffix for path in paths)
+
+    def rank(suffix: str) -> tuple[int, int]:
+        return -counts[suffix], IMAGE_SUFFIXES.index(suffix.lower())
+
+    return sorted(counts, key=rank)
+
+
+def _fitting(template: str, suffix: str, stems: list[str]) -> tuple[list[str], bool]:
+    """Return the patterns that fit names of one template, and whether the names fill a grid."""
     columns = list(zip(*(_FIELD.findall(stem) for stem in stems), strict=True))
     different: dict[tuple[int, ...], int] = {}  # the first of the fields that vary in the same way
     for index, values in enumerate(columns):
@@ -57,13 +87,14 @@ def propose_patterns(names: list[str]) -> list[str]:
         for a, b in itertools.combinations(fields, 2)
         if len(set(zip(columns[a], columns[b], strict=True))) == len(stems)
     }
-    chosen = [pair for pair, filled in pairs.items() if filled == 1.0] or [
-        pair for pair, filled in pairs.items() if filled >= MIN_FILLED_FRACTION
-    ]
+    full = [pair for pair, filled in pairs.items() if filled == 1.0]
+    chosen = full or [pair for pair, filled in pairs.items() if filled >= MIN_FILLED_FRACTION]
     if chosen:
-        return [_pattern(template, suffix, {a: "{v}", b: "{u}"}, fixed) for a, b in chosen]
+        patterns = [_pattern(template, suffix, {a: "{v}", b: "{u}"}, fixed) for a, b in chosen]
+        return patterns, bool(full)
     numbers = [index for index in fields if len(set(columns[index])) == len(stems)]
-    return [_pattern(template, suffix, {index: "{i}"}, fixed) for index in numbers[:1]]
+    patterns = [_pattern(template, suffix, {index: "{i}"}, fixed) for index in numbers[:1]]
+    return patterns, bool(patterns) and math.isqrt(len(stems)) ** 2 == len(stems)
 
 
 def _pattern(template: str, suffix: str, chosen: dict[int, str], fixed: dict[int, str]) -> str:

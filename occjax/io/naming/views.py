@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable
+from pathlib import PurePosixPath
 
 from occjax.errors import InputError
 from occjax.io.hdr import HDR_SUFFIXES
@@ -65,6 +66,7 @@ def find_views(
         expected = f"is named like {EXAMPLES[layout]!r}"
     if not matches:
         raise InputError(f"{folder}: no file {expected}{_found(names)}")
+    _warn_of_ignored(folder, names, matches)
     scenes = {match.groupdict().get("scene") for match in matches}
     if len(scenes) > 1:
         raise InputError(
@@ -73,6 +75,30 @@ def find_views(
         )
     arrange = arrange_by_number if "i" in matches[0].groupdict() else arrange_by_row_and_column
     return layout, arrange(folder, matches, grid)
+
+
+def _warn_of_ignored(folder: str, names: list[str], matches: list[re.Match[str]]) -> None:
+    """Warn of images that are named like views, but for their suffix, and are not read.
+
+    An image of a view that another file shows too is not among them.
+    """
+    read = {PurePosixPath(match.string).with_suffix("") for match in matches}
+    sample = matches[0]
+    ignored = [
+        path.name
+        for path in map(PurePosixPath, names)
+        if path.with_suffix("") not in read
+        and path.name.lower().endswith((*IMAGE_SUFFIXES, *UNSUPPORTED_SUFFIXES))
+        and sample.re.fullmatch(str(path.with_suffix(PurePosixPath(sample.string).suffix)))
+    ]
+    if ignored:
+        warnings.warn(
+            f"{folder}: {len(matches)} views are read, {len(ignored)} images of another suffix "
+            f"are ignored ({first_few(ignored)}); convert them to PNG, or end pattern (--pattern) "
+            "with .* to read all suffixes",
+            GridWarning,
+            stacklevel=4,
+        )
 
 
 def _matching(names: list[str], regex: re.Pattern[str]) -> list[re.Match[str]]:

@@ -1,0 +1,83 @@
+"""Two disorders of the views that the cross of views around the centre view cannot tell.
+
+In serpentine order every second row runs backwards; the row and the column of the centre view may
+be consistent nevertheless. A centre view that is not in its place makes all others look misplaced.
+Both show when a neighbour of the centre view is taken as the centre.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Literal
+
+from occjax.layout.config import ViewOrderConfig
+from occjax.layout.orientation import straightened
+from occjax.lightfield import LightField, centre_index
+
+Disorder = Literal["serpentine", "centre"]
+"""Every second row runs backwards, or the centre view is not in its place."""
+
+
+def recentred(light_field: LightField, axis: int) -> tuple[LightField, int] | None:
+    """Return the views without an outer row or column, so that another view is the centre.
+
+    Args:
+        light_field: Any grid.
+        axis: 0 to leave out a row, 1 to leave out a column.
+
+    Returns:
+        The views, without what belongs to the centre view, and the step along the axis from the
+        centre view to the new one; None if that view is missing.
+
+    Example:
+        >>> import numpy as np
+        >>> views, step = recentred(LightField(np.zeros((5, 5, 8, 8))), 0)
+        >>> views.grid, step
+        ((4, 5), 1)
+    """
+    step = 1 if light_field.grid[axis] % 2 else -1
+    kept = [slice(None), slice(None)]
+    kept[axis] = slice(1, None) if step == 1 else slice(None, -1)
+    views = light_field.views[tuple(kept)]
+    usable = None if light_field.usable is None else light_field.usable[tuple(kept)]
+    if usable is not None and not usable[centre_index(usable.shape)]:
+        return None
+    part = dataclasses.replace(
+        light_field, views=views, usable=usable, ground_truth=None, view_order_report=None
+    )
+    return part, step
+
+
+def find_disorder(
+    light_field: LightField, score: Callable[[LightField], float], config: ViewOrderConfig
+) -> Disorder | None:
+    """Return which disorder explains that the views are not consistent in their order.
+
+    Args:
+        light_field: At least two rows and columns of views, without camera positions.
+        score: Returns the inconsistency of views in the order in which they are.
+        config: Settings.
+
+    Returns:
+        The disorder; None if neither makes the views much more consistent.
+    """
+    if min(light_field.grid) < 2 or light_field.positions is not None:
+        return None
+    usable = light_field.usable
+    straight = dataclasses.replace(
+        light_field,
+        views=straightened(light_field.views),
+        usable=None if usable is None else straightened(usable),
+    )
+
+    def scores(views: LightField, *axes: int) -> list[float]:
+        parts = [recentred(views, axis) for axis in axes]
+        return [score(part[0]) for part in parts if part is not None]
+
+    declared, below, ordered = score(light_field), scores(light_field, 0), score(straight)
+    if max([declared, *below]) > config.disorder_ratio * max([ordered, *scores(straight, 0)]):
+        return "serpentine"
+    # The view that was exchanged with the centre view may be the neighbour in one direction.
+    elsewhere = min([*below, *scores(light_field, 1)], default=declared)
+    return "centre" if declared > config.disorder_ratio * elsewhere else None
