@@ -19,6 +19,7 @@ from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import HciConfig, read_hci_config
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
+from occjax.io.limits import ReadLimits
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import read_positions
@@ -158,6 +159,7 @@ def _read_views(
     paths = {index: folder / match.string for index, match in sorted(named.matches.items())}
     reference = paths.get(centre_index(named.grid)) or next(iter(paths.values()))
     first = read_image(reference)
+    ReadLimits.current().check_bytes(folder, math.prod(named.grid) * first.nbytes)
     views = np.zeros((*named.grid, *first.shape), first.dtype)
     usable = np.zeros(named.grid, bool)
     broken = []

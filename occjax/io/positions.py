@@ -106,7 +106,7 @@ def _step(positions: np.ndarray, axis: int, component: int) -> float:
 def _read_csv(path: Path) -> np.ndarray:
     """Read one line ``row,column`` for each view; a first line of words is a heading."""
     remedy = "write one line 'row,column' for each view, in the order of the views"
-    with decoding(path, "a table of two columns", remedy=remedy):
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    with decoding(path, "a table of two columns", remedy=remedy, max_bytes=2**24) as file:
+        lines = file.read().decode("utf-8-sig").splitlines()
         heading = bool(lines) and any(character.isalpha() for character in lines[0])
         return np.loadtxt(lines[heading:], delimiter=",", ndmin=2)
