@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 from occjax.errors import InputError
@@ -103,12 +104,17 @@ damaged; copy it again
         """
         if count > self.light_field_bytes:
             raise InputError(
-                f"{path}: claims {count / 1e9:.3g} GB of data, more than the limit of "
-                f"{self.light_field_bytes / 1e9:.3g} GB; read a smaller part, or set "
+                f"{path}: claims {_gigabytes(count)} of data, more than the limit of "
+                f"{_gigabytes(self.light_field_bytes)}; read a smaller part, or set "
                 f"{VARIABLES['light_field_bytes']} if that is right"
             )
         if file_bytes is not None and count > max(self.small_bytes, self.expansion * file_bytes):
             raise InputError(
-                f"{path}: claims {count / 1e9:.3g} GB of data in a file of {file_bytes} bytes, "
+                f"{path}: claims {_gigabytes(count)} of data in a file of {file_bytes} bytes, "
                 "which is damaged; copy it again"
             )
+
+
+def _gigabytes(count: int) -> str:
+    """Return a number of bytes of any magnitude in words; headers claim numbers beyond floats."""
+    return f"{Decimal(count) / 10**9:.3g} GB"

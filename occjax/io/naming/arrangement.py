@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 
@@ -163,14 +164,14 @@ def arrange_by_row_and_column(
             f"{margins} missing rows and columns they are is unknown; leave out grid"
         )
     shape = found if grid is None else grid
+    _check_present(folder, len(by_index), shape)
     for axis, name in enumerate(("rows", "columns")):
         filled = len({index[axis] for index in by_index})
-        if filled < MIN_COMPLETE_FRACTION * shape[axis]:
+        if shape[axis] > filled / MIN_COMPLETE_FRACTION:
             raise InputError(
                 f"{folder}: the names show {shape[0]}x{shape[1]} views, but most {name} have none; "
                 "name one grid only, or pass pattern (--pattern)"
             )
-    _check_present(folder, len(by_index), shape)
     rows, columns = (
         _extended(places, margin // 2)
         for places, margin in zip((rows, columns), margins, strict=True)
@@ -226,10 +227,11 @@ def first_few(names: list[str]) -> str:
 
 def _check_present(folder: str, present: int, grid: tuple[int, int]) -> None:
     """Refuse a grid of many more views than there are files."""
-    if present < MIN_PRESENT_FRACTION * math.prod(grid):
+    if math.prod(grid) > present / MIN_PRESENT_FRACTION:
+        rows, columns = (f"{Decimal(count):.9g}" for count in grid)
         raise InputError(
-            f"{folder}: has {present} of the {grid[0]:.9g}x{grid[1]:.9g} views; correct the grid "
-            "(--grid V U, num_cams_y and num_cams_x in parameters.cfg) or the names of the files"
+            f"{folder}: has {present} of the {rows}x{columns} views; correct the grid (--grid V U, "
+            "num_cams_y and num_cams_x in parameters.cfg) or the names of the files"
         )
 
 
