@@ -30,6 +30,7 @@ from occjax.evaluation.scene_files import read_mask, read_seconds
 from occjax.io import read_arrays, read_image, read_map, read_pfm, write_map, write_pfm
 from occjax.io.containers import read_container
 from occjax.io.folders import read_folder
+from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import read_hci_config
 from occjax.io.maps import Map
 from occjax.io.mosaics import read_mosaic
@@ -199,7 +200,11 @@ def configured(data):
 
 def read_names(path):
     names = path.read_bytes().decode(errors="replace").split("\n")
-    find_views("folder", {name for name in names if 0 < len(name) < 256 and "/" not in name})
+    layout, named = find_views(
+        "folder", {name for name in names if 0 < len(name) < 256 and "/" not in name}
+    )
+    if layout == "stanford":
+        gantry_grid("folder", named)
 
 
 def scene(folder):

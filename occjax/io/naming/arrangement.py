@@ -228,7 +228,7 @@ def first_few(names: list[str]) -> str:
 def _check_present(folder: str, present: int, grid: tuple[int, int]) -> None:
     """Refuse a grid of many more views than there are files."""
     if math.prod(grid) > present / MIN_PRESENT_FRACTION:
-        rows, columns = (f"{Decimal(count):.9g}" for count in grid)
+        rows, columns = (n if n < 1e9 else f"{Decimal(n):.3g}" for n in grid)
         raise InputError(
             f"{folder}: has {present} of the {rows}x{columns} views; correct the grid (--grid V U, "
             "num_cams_y and num_cams_x in parameters.cfg) or the names of the files"
