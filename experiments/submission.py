@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
+from io import BufferedReader
 from pathlib import Path
 
 import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
+from occjax.io.files import decoder_errors, decoding
 from occjax.io.pfm import decode_pfm, encode_pfm, pfm_header
 
 STRATIFIED = ("backgammon", "dots", "pyramids", "stripes")
@@ -120,12 +120,19 @@ def check_submission(
         InputError: If the file cannot be read.
     """
     path = Path(path)
-    with reading(path):
-        path.open("rb").close()
+    with decoding(path, "a submission") as file:
+        return _archive_findings(file, path.name, scenes, size)
+
+
+def _archive_findings(
+    file: BufferedReader, name: str, scenes: Sequence[str], size: tuple[int, int]
+) -> tuple[str, ...]:
+    """Return the faults of an open archive."""
     try:
-        archive = zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-        return (f"{path.name}: is not a zip archive, or is damaged ({error})",)
+        with decoder_errors(name, "a zip archive", remedy="make it again"):
+            archive = zipfile.ZipFile(file)
+    except InputError as error:
+        return (str(error),)
     with archive:
         entries = [entry for entry in archive.infolist() if not _is_expected_folder(entry)]
         names = [entry.filename for entry in entries]
@@ -153,7 +160,7 @@ def check_submission(
 
 def _is_expected_folder(entry: zipfile.ZipInfo) -> bool:
     """Return whether an entry is one of the two folders, which some archivers list."""
-    return entry.is_dir() and entry.filename in (f"{MAPS}/", f"{RUNTIMES}/")
+    return entry.filename in (f"{MAPS}/", f"{RUNTIMES}/")
 
 
 def _folder_around(names: Sequence[str], expected: Mapping[str, object]) -> str | None:
@@ -178,11 +185,11 @@ def _entry_findings(
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         return [f"{name}: is compressed by an unusual method; use deflate"]
     try:
-        data = archive.read(entry)
-    except RuntimeError:
-        return [f"{name}: is encrypted"]
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError) as error:
-        return [f"{name}: is damaged ({error})"]
+        what, remedy = "an entry of a zip archive", "make the archive again"
+        with decoder_errors(name, what, remedy=remedy), archive.open(entry) as stream:
+            data = stream.read(entry.file_size)  # at most, since the archive may lie about it
+    except InputError as error:
+        return [str(error)]
     return check(data, name)
 
 

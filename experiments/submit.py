@@ -50,7 +50,8 @@ from occjax.estimators import Estimator, make_estimator, run_estimator
 from occjax.estimators.factory import Precision
 from occjax.io import atomic_path, read_pfm, write_pfm
 from occjax.io.atomic import check_writable
-from occjax.io.files import reading
+from occjax.io.files import decoding
+from occjax.io.run_folder import read_description
 from occjax.lightfield import LightField
 from occjax.models import PRESETS
 from occjax.models.bundled import find_weights
@@ -164,12 +165,7 @@ def _open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
         return
-    with reading(path):
-        text = path.read_text(encoding="utf-8", errors="replace")
-    try:
-        before = json.loads(text)
-    except ValueError:
-        before = {}
+    before = read_description(path)
     changed = [name for name, value in settings.items() if before.get(name) != value]
     if changed:
         raise InputError(
@@ -179,13 +175,9 @@ def _open_folder(folder: Path, settings: Mapping[str, Any]) -> None:
 
 
 def _seconds(path: Path) -> float:
-    with reading(path):
-        text = path.read_text(encoding="ascii", errors="replace")
-    try:
-        return float(text)
-    except ValueError:
-        message = f"{path}: reads {text[:20]!r}, not seconds; remove it to estimate the scene again"
-        raise InputError(message) from None
+    remedy = "remove it to estimate the scene again"
+    with decoding(path, "a number of seconds", remedy=remedy, max_bytes=2**10) as file:
+        return float(file.read())
 
 
 def _light_field(scene: str, places: Mapping[str, Path]) -> LightField:

@@ -14,6 +14,7 @@ import numpy as np
 from experiments.blender.config import RenderConfig
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
+from occjax.io.files import decoding
 from occjax.io.pfm import write_pfm
 from occjax.lightfield import Calibration
 
@@ -45,11 +46,10 @@ def read_record(folder: Path, config: RenderConfig) -> dict[str, Any] | None:
     path = folder / RECORD
     if not path.is_file():
         return None
-    try:
-        record = json.loads(path.read_text())
-        found = record["config"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged; remove the folder and render it again") from error
+    remedy = "remove the folder and render it again"
+    with decoding(path, "the description of a scene", remedy=remedy, max_bytes=2**24) as file:
+        record = json.load(file)
+        found = dict(record["config"])
     expected = config.as_dict()
     differ = [name for name in expected if found.get(name) != expected[name]]
     if differ:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from jaxtyping import Float32, UInt8
 from tqdm import tqdm
 
 import occjax
@@ -29,10 +30,18 @@ from occjax.data.samples import (
 )
 from occjax.data.sources import Source, augment_for_step, check_batch_size
 from occjax.errors import InputError
+from occjax.io.arrays import load_fields
 from occjax.io.atomic import atomic_path
-from occjax.io.files import decoding
 from occjax.io.run_folder import open_run_folder
 from occjax.view_selection import Selection
+
+_STORED = {
+    "views": UInt8[np.ndarray, "v u h w"],
+    "offsets": Float32[np.ndarray, "v u 2"],
+    "disparity": Float32[np.ndarray, "h w"],
+    "visibility": UInt8[np.ndarray, "v u h bytes"],
+    "valid": UInt8[np.ndarray, "h bytes"],
+}
 
 DESCRIPTION = "pool.json"
 """File that describes the light fields of a pool."""
@@ -189,13 +198,12 @@ def read_sample(path: str | Path) -> LightFieldSample:
     """
     path = Path(path)
     remedy = "remove it and render the pool again"
-    # Opened here because NumPy does not close a damaged file.
-    with decoding(path, "a light field", remedy=remedy), path.open("rb") as file:
-        with np.load(file) as stored:
-            arrays = {name: stored[name] for name in LightFieldSample._fields}
-        width = arrays["views"].shape[-1]
-        for name in ("visibility", "valid"):
-            arrays[name] = np.unpackbits(arrays[name], axis=-1, count=width).astype(bool)
+    arrays = load_fields(path, _STORED, what="a light field", remedy=remedy)
+    width = arrays["views"].shape[-1]
+    if arrays["valid"].shape[-1] != -(-width // 8):
+        raise InputError(f"{path}: valid is not as wide as the views; {remedy}")
+    for name in ("visibility", "valid"):
+        arrays[name] = np.unpackbits(arrays[name], axis=-1, count=width).astype(bool)
     arrays["views"] = arrays["views"].astype(np.float32) / np.float32(255.0)
     return numpy_sample(**arrays)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.io.files import reading
+from occjax.io.files import decoding
 from occjax.io.hci_config import read_hci_config
 from occjax.io.images import read_image
 from occjax.lightfield import Calibration
@@ -149,12 +149,9 @@ def read_seconds(estimate: Path | str) -> float:
             "pass the folder that occjax estimate wrote",
             path.name,
         )
-    with reading(path):
-        text = path.read_text(encoding="utf-8", errors="replace")
-    try:
+    with decoding(path, "a record of run times", remedy="remove the file", max_bytes=2**24) as file:
+        text = file.read()
         seconds = float(json.loads(text)["seconds"]["run"] if path == summary else text)
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: contains no run time in seconds; remove the file") from error
     if not 0.0 <= seconds < float("inf"):
         raise InputError(f"{path}: {seconds:g} is not a run time in seconds; remove the file")
     return seconds

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import math
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +14,18 @@ import numpy as np
 from occjax.errors import InputError, nearest
 from occjax.io.atomic import atomic_path
 from occjax.io.axes import axis_order, axis_roles
-from occjax.io.files import decoding
+from occjax.io.files import decoding, file_size
+from occjax.io.limits import ReadLimits
 from occjax.lightfield import LightField
 
 OPTIONAL_FIELDS = ("ground_truth", "disparity_range", "positions", "usable")
 """Fields of a light field that an ``.npz`` may contain in addition to ``views``."""
+
+MAX_HEADER_BYTES = 2**14
+"""Number of bytes in which the header of an ``.npy`` file must end."""
+
+MAX_POSITION = 1e15
+"""Magnitude from which a camera position cannot be a length in any unit."""
 
 
 def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
@@ -46,7 +57,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
         (3, 3, 8, 8, 1)
     """
     path = Path(path)
-    arrays = _load(path)
+    arrays = load_arrays(path)
     if key is not None and list(arrays) == [""]:
         raise InputError(
             f"{path}: is one array without a name; leave out key (--key {key}), which chooses "
@@ -90,6 +101,98 @@ def write_arrays(path: str | Path, light_field: LightField) -> None:
         np.savez_compressed(file, views=light_field.views, **present)
 
 
+def load_arrays(
+    path: Path, *, what: str = "a NumPy file", remedy: str = "save the array or copy the file again"
+) -> dict[str, np.ndarray]:
+    """Read all arrays of an ``.npy`` or ``.npz`` file, after a check of their sizes.
+
+    Args:
+        path: The file; its suffix does not matter.
+        what: Kind of file that is expected, for messages.
+        remedy: What the user can do about a damaged file.
+
+    Returns:
+        The arrays by name, in the byte order of this machine; the array of an ``.npy`` file has the
+        name ``""``. Entries of an archive that are not named ``.npy`` are ignored.
+
+    Raises:
+        InputError: If the file cannot be read, contains Python objects, or is too large
+            (:class:`occjax.io.limits.ReadLimits`).
+    """
+    limits = ReadLimits.current()
+    with decoding(path, what, remedy=remedy) as file:
+        size = file_size(file)
+        start = file.read(6)
+        if start == b"\x93NUMPY":
+            limits.check_bytes(path, _claimed_bytes(file), size)
+            return {"": _native(np.lib.format.read_array(file, allow_pickle=False))}
+        if not start.startswith(b"PK"):
+            raise ValueError("it does not start with the signature of a NumPy file")
+        arrays, total = {}, 0
+        with zipfile.ZipFile(file) as archive:
+            for entry in archive.infolist():
+                if not entry.filename.endswith(".npy"):
+                    continue
+                if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError("it is compressed by an unusual method")
+                with archive.open(entry) as stream:
+                    total += _claimed_bytes(stream)
+                    limits.check_bytes(path, total, size)
+                    array = np.lib.format.read_array(stream, allow_pickle=False)
+                arrays[entry.filename.removesuffix(".npy")] = _native(array)
+        return arrays
+
+
+def load_fields(
+    path: Path, fields: Mapping[str, Any], *, what: str, remedy: str
+) -> dict[str, np.ndarray]:
+    """Read the arrays of an ``.npz`` file that this package wrote.
+
+    Args:
+        path: The file.
+        fields: Type of each array, for instance ``UInt8[np.ndarray, "h w"]``. Axes of the same name
+            have the same size in all arrays.
+        what: Kind of file that is expected, for messages.
+        remedy: What the user can do about a damaged file.
+
+    Returns:
+        The arrays of these names.
+
+    Raises:
+        InputError: If the file cannot be read, or lacks an array of these types and sizes.
+    """
+    from jaxtyping import jaxtyped
+
+    arrays = load_arrays(path, what=what, remedy=remedy)
+    with jaxtyped("context"):
+        for name, kind in fields.items():
+            if name not in arrays or not isinstance(arrays[name], kind):
+                raise InputError(
+                    f"{path}: is not {what}: {name} is missing or has another type or size; "
+                    f"{remedy}"
+                )
+    return {name: arrays[name] for name in fields}
+
+
+def _claimed_bytes(file: Any) -> int:
+    """Return the number of bytes that the header of an ``.npy`` file claims; rewind the file."""
+    file.seek(0)
+    start = io.BytesIO(file.read(MAX_HEADER_BYTES))
+    file.seek(0)
+    if np.lib.format.read_magic(start) == (1, 0):
+        shape, _, dtype = np.lib.format.read_array_header_1_0(start)
+    else:
+        shape, _, dtype = np.lib.format.read_array_header_2_0(start)
+    if any(length < 0 for length in shape):
+        raise ValueError("its header has a negative size")
+    return math.prod(shape) * max(1, dtype.itemsize)
+
+
+def _native(array: np.ndarray) -> np.ndarray:
+    """Return an array in the byte order of this machine."""
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
+
+
 def read_npy(path: Path) -> np.ndarray:
     """Read one array from an ``.npy`` file; pickled objects are refused.
 
@@ -102,7 +205,7 @@ def read_npy(path: Path) -> np.ndarray:
     Raises:
         InputError: If the file cannot be read or is an archive of arrays.
     """
-    arrays = _load(path)
+    arrays = load_arrays(path)
     if list(arrays) != [""]:
         raise InputError(f"{path}: is an .npz archive named .npy; rename it")
     return arrays[""]
@@ -131,8 +234,8 @@ def check_views(path: Path, views: np.ndarray) -> np.ndarray:
         )
     views = views if views.ndim == 5 else views[..., None]
     views = views[..., : 1 if views.shape[-1] < 3 else 3]
-    if views.dtype in (np.uint8, np.uint16):
-        return np.ascontiguousarray(views)
+    if views.dtype.kind == "u" and views.dtype.itemsize <= 2:  # in either byte order
+        return np.ascontiguousarray(views, views.dtype.newbyteorder("="))
     if not np.issubdtype(views.dtype, np.floating):
         raise InputError(
             f"{path}: views have the type {views.dtype}; save them as uint8, uint16 or float "
@@ -161,12 +264,13 @@ def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...])
         InputError: If it does not consist of numbers, does not have the size of the views, or has
             disparities larger than them.
     """
-    if disparity.shape != tuple(size) or not np.issubdtype(disparity.dtype, np.number):
+    if disparity.shape != tuple(size) or disparity.dtype.kind not in "iuf":
         raise InputError(
             f"{path}: ground truth is {list(disparity.shape)} {disparity.dtype} but the views are "
             f"{list(size)}; put the right file there or remove it"
         )
-    disparity = np.ascontiguousarray(disparity, np.float32)
+    with np.errstate(over="ignore"):  # what float32 cannot store becomes infinite: no truth
+        disparity = np.ascontiguousarray(disparity, np.float32)
     finite = np.abs(disparity[np.isfinite(disparity)])
     if finite.size and finite.max() > max(size):
         raise InputError(
@@ -189,21 +293,21 @@ def check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) ->
             the same or not finite.
     """
     (rows, columns), shape = grid, positions.shape
-    if shape != (rows, columns, 2) or not np.issubdtype(positions.dtype, np.number):
+    if shape != (rows, columns, 2) or positions.dtype.kind not in "iuf":
         number = f"has {shape[0]} positions" if shape[1:] == (2,) else "has positions"
         raise InputError(
             f"{path}: {number}, {positions.dtype} {list(shape)}, but the {rows}x{columns} grid has "
             f"{rows * columns} views; write one position (row, column) for each, also for missing "
             "ones, in the order of the views"
         )
-    positions = positions.astype(np.float32)
-    wrong = np.argwhere(~np.isfinite(positions).all(-1))
+    wrong = np.argwhere(~(np.abs(positions) < MAX_POSITION).all(-1))
     if wrong.size:
         row, column = wrong[0]
         raise InputError(
-            f"{path}: {len(wrong)} of {rows * columns} positions are NaN or infinite, the first in "
-            f"row {row}, column {column} (counted from 0); write numbers"
+            f"{path}: {len(wrong)} of {rows * columns} positions are NaN, infinite or too large, "
+            f"the first in row {row}, column {column} (counted from 0); write numbers"
         )
+    positions = positions.astype(np.float32)
     if grid != (1, 1) and not np.ptp(positions, (0, 1)).any():
         raise InputError(f"{path}: positions are all the same; write where each camera is")
     return positions
@@ -211,20 +315,10 @@ def check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) ->
 
 def _check_range(path: Path, values: np.ndarray) -> tuple[float, float]:
     """Return the disparity range as (minimum, maximum)."""
-    if values.shape != (2,) or not values[0] < values[1]:
-        raise InputError(f"{path}: disparity_range is {values.tolist()}; write (minimum, maximum)")
+    if values.shape != (2,) or values.dtype.kind not in "iuf" or not values[0] < values[1]:
+        shown = " ".join(str(values).split())[:80]
+        raise InputError(f"{path}: disparity_range is {shown}; write (minimum, maximum)")
     return float(values[0]), float(values[1])
-
-
-def _load(path: Path) -> dict[str, np.ndarray]:
-    """Return all arrays of a file by name; the array of an ``.npy`` file has the name ``""``."""
-    remedy = "save the array or copy the file again"
-    with decoding(path, "a NumPy file", remedy=remedy), path.open("rb") as file:
-        if not file.read(6).startswith((b"PK", b"\x93NUMPY")):
-            raise ValueError("it does not start with the signature of a NumPy file")
-        file.seek(0)
-        loaded = np.load(file, allow_pickle=False)
-        return {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
 
 
 def _find_views(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.ndarray:

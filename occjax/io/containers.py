@@ -6,6 +6,7 @@ The order of the axes is found by their sizes, or read from an attribute ``axes`
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -19,7 +20,8 @@ from occjax.errors import InputError, nearest
 from occjax.io.arrays import check_views
 from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order
 from occjax.io.consistency import most_consistent
-from occjax.io.files import decoding, reading
+from occjax.io.files import decoder_errors, decoding, file_size
+from occjax.io.limits import ReadLimits
 from occjax.io.mosaics import repeated_tiles, split_tiles
 from occjax.io.naming import GridWarning
 from occjax.io.old_hci import old_hci_camera, old_hci_disparity
@@ -27,6 +29,11 @@ from occjax.lightfield import LightField
 
 CONTAINER_SUFFIXES = (".h5", ".hdf5", ".mat")
 """Suffixes of the files, in lower case."""
+
+_MATLAB_BYTES = {"double": 8, "single": 4, "logical": 1} | {
+    f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+"""Bytes per number of the numeric classes of MATLAB."""
 
 KNOWN_KEYS = ("LF", "Hr_SAI_y")
 """Names of the views in the old HCI benchmark and in sets for super-resolution."""
@@ -75,34 +82,54 @@ def read_container(
     """
     path = Path(path)
     if path.suffix.lower() == ".mat" and not _is_hdf5(path):
-        with decoding(path, "a MATLAB file"):
-            arrays = _old_mat_arrays(path)
-        return _read_light_field(path, arrays, {}, key, grid)
+        return _read_light_field(path, _old_mat_arrays(path), {}, key, grid)
     try:
         import h5py
     except ImportError as error:
         raise InputError(
             f"{path}: reading HDF5 needs h5py; run pip install 'occjax[published]'"
         ) from error
-    with decoding(path, "an HDF5 file"), h5py.File(path, "r") as file:
+    with decoding(path, "an HDF5 file", max_bytes=math.inf):
+        file = h5py.File(path, "r")
+    with file:
         found: dict[str, StoredArray] = {}
-        written_by_matlab = path.suffix.lower() == ".mat" or file.userblock_size > 0
 
         def add(name: str, stored: Any) -> None:
             numeric = isinstance(stored, h5py.Dataset) and stored.dtype.kind in "biuf"
-            if numeric and not name.startswith("#"):
+            if numeric and stored.shape is not None and not name.startswith("#"):
                 matlab = written_by_matlab or "MATLAB_class" in stored.attrs or None
-                found[name] = StoredArray(
-                    stored.shape, partial(np.asarray, stored), dict(stored.attrs), matlab
-                )
+                read = partial(read_dataset, path, stored)
+                found[name] = StoredArray(stored.shape, read, dict(stored.attrs), matlab)
 
-        file.visititems(add)
-        return _read_light_field(path, found, dict(file.attrs), key, grid)
+        with decoder_errors(path, "an HDF5 file", remedy="write or copy it again"):
+            written_by_matlab = path.suffix.lower() == ".mat" or file.userblock_size > 0
+            file.visititems(add)
+            attributes = dict(file.attrs)
+        return _read_light_field(path, found, attributes, key, grid)
+
+
+def read_dataset(path: Path, stored: Any) -> np.ndarray:
+    """Read an array of an HDF5 file, after a check of its size.
+
+    Args:
+        path: File, for messages.
+        stored: The ``h5py.Dataset``.
+
+    Raises:
+        InputError: If the array is damaged, too large, or stored in another file.
+    """
+    with decoding(path, "an HDF5 file", max_bytes=math.inf) as file:
+        if stored.external or stored.is_virtual:
+            raise ValueError(f"{stored.name} is stored in another file")
+        largest = max(math.prod(stored.shape), math.prod(stored.chunks or ()))
+        count = largest * stored.dtype.itemsize
+        ReadLimits.current().check_bytes(path, count, file_size(file))
+        return np.asarray(stored)
 
 
 def _is_hdf5(path: Path) -> bool:
     """Return whether a file is HDF5, with or without the header of MATLAB."""
-    with reading(path), path.open("rb") as file:
+    with decoding(path, "a MATLAB file", max_bytes=math.inf) as file:
         start = file.read(520)
     return b"\x89HDF\r\n\x1a\n" in (start[:8], start[512:])
 
@@ -111,11 +138,18 @@ def _old_mat_arrays(path: Path) -> dict[str, StoredArray]:
     """Return the arrays of a ``.mat`` file of a version before 7.3."""
     import scipy.io
 
-    arrays = {name: value for name, value in scipy.io.loadmat(path).items() if name[0] != "_"}
+    with decoding(path, "a MATLAB file") as file:
+        claimed = {
+            name: math.prod(shape) * _MATLAB_BYTES[kind]
+            for name, shape, kind in scipy.io.whosmat(file)
+            if kind in _MATLAB_BYTES
+        }
+        ReadLimits.current().check_bytes(path, sum(claimed.values()), file_size(file))
+        arrays = scipy.io.loadmat(file, variable_names=list(claimed))
     return {
-        name: StoredArray(value.shape, partial(np.asarray, value))
-        for name, value in arrays.items()
-        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+        name: StoredArray(arrays[name].shape, partial(np.asarray, arrays[name]))
+        for name in claimed
+        if arrays[name].dtype.kind in "biuf"
     }
 
 

@@ -1,13 +1,17 @@
-"""Conversion of errors of reading files into one-line messages."""
+"""Opening of files, and conversion of all errors of their decoders into one-line messages."""
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 
 from occjax.errors import InputError
+from occjax.io.limits import ReadLimits
 
 
 @contextmanager
@@ -42,34 +46,94 @@ def reading(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def decoding(path: Path, what: str, *, remedy: str = "write or copy it again") -> Iterator[None]:
-    """Turn every failure to read or decode ``path`` into an :class:`InputError`.
+def decoder_errors(source: Path | str, what: str, *, remedy: str) -> Iterator[None]:
+    """Turn every failure of a decoder into an :class:`InputError`.
 
-    Decoders raise exceptions of many types for damaged files, so all types are caught. The body
-    should contain the call of the decoder and nothing else, because an error of the program inside
-    it would be reported as a damaged file.
+    Decoders raise exceptions of any type for damaged files, so all types are caught, with those of
+    memory and recursion. The body should contain the call of the decoder and nothing else, because
+    an error of the program inside it would be reported as a damaged file.
 
     Args:
-        path: File that the body reads.
-        what: Kind of file that is expected, with its article: ``"an image"``.
+        source: What the body decodes, for the message.
+        what: Kind of content that is expected, with its article: ``"an image"``.
         remedy: What the user can do.
 
     Raises:
-        InputError: As :func:`reading`, and if the body raises any other exception.
+        InputError: If the body raises any exception; an :class:`InputError` of the body itself
+            stays as it is.
 
     Example:
-        >>> with decoding(Path("t.txt"), "a table", remedy="copy it again"):
+        >>> with decoder_errors("t.csv", "a table", remedy="copy it again"):
         ...     raise ValueError("no rows")
         Traceback (most recent call last):
         ...
-        occjax.errors.InputError: t.txt: cannot be decoded as a table (no rows); copy it again
+        occjax.errors.InputError: t.csv: cannot be decoded as a table (no rows); copy it again
     """
     try:
-        with reading(path):
-            yield
+        yield
     except InputError:
         raise
     except Exception as error:
         text = re.sub(r" <[^>]*>", "", str(error))  # without addresses of Python objects
-        reason = " ".join(text.split())[:120] or type(error).__name__
-        raise InputError(f"{path}: cannot be decoded as {what} ({reason}); {remedy}") from error
+        printable = "".join(c if c.isprintable() else " " for c in text)
+        reason = " ".join(printable.split())[:120] or type(error).__name__
+        raise InputError(f"{source}: cannot be decoded as {what} ({reason}); {remedy}") from error
+
+
+@contextmanager
+def decoding(
+    path: Path,
+    what: str,
+    *,
+    remedy: str = "write or copy it again",
+    max_bytes: int | float | None = None,
+) -> Iterator[BufferedReader]:
+    """Open a regular file, and turn every failure to read or decode it into an :class:`InputError`.
+
+    Args:
+        path: The file. A link to a regular file is followed. Pipes, devices and the files of
+            ``/proc``, which can block or never end, are refused.
+        what: Kind of file that is expected, as for :func:`decoder_errors`.
+        remedy: What the user can do.
+        max_bytes: Largest size of the file; by default that of a light field in
+            :class:`occjax.io.limits.ReadLimits`.
+
+    Yields:
+        The file, at its start. The body should contain nothing but the call of the decoder.
+
+    Raises:
+        InputError: As :func:`reading` and :func:`decoder_errors`, and if the file is no regular
+            file, empty or too large.
+
+    Example:
+        >>> with decoding(Path("nowhere.csv"), "a table") as file:
+        ...     text = file.read()
+        Traceback (most recent call last):
+        ...
+        occjax.errors.InputError: nowhere.csv: there is no such file or folder; check the path
+    """
+    with (
+        decoder_errors(path, what, remedy=remedy),
+        reading(path),
+        open(path, "rb", opener=_open_without_waiting) as file,
+    ):
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise InputError(f"{path}: is a pipe or a device; name a regular file")
+        size = file_size(file)
+        if size == 0:
+            raise ValueError("it is empty")
+        if max_bytes is None:
+            ReadLimits.current().check_bytes(path, size)
+        elif size > max_bytes:
+            raise InputError(f"{path}: has {size} bytes, too many for {what}; {remedy}")
+        yield file
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    """Open a file; of a pipe, do not wait for the other end."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def file_size(file: BufferedReader) -> int:
+    """Return the size of an open file, in bytes."""
+    return os.fstat(file.fileno()).st_size

@@ -20,6 +20,7 @@ from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import HciConfig, read_hci_config
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
+from occjax.io.limits import ReadLimits
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import read_positions
@@ -162,6 +163,7 @@ def _read_views(
     """
     paths = {index: folder / match.string for index, match in sorted(named.matches.items())}
     reference = _decodable(paths, centre_index(named.grid))
+    ReadLimits.current().check_bytes(folder, math.prod(named.grid) * reference.nbytes)
     views = np.zeros((*named.grid, *reference.shape), reference.dtype)
     present = np.zeros(named.grid, bool)
     broken: list[InputError] = []

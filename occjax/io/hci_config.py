@@ -11,6 +11,10 @@ from occjax.errors import InputError
 from occjax.io.files import decoding
 from occjax.lightfield import Calibration
 
+MAX_CONFIG_BYTES = 2**13
+"""Largest size of the file. Those of the benchmark have 1 kB, and the time of the parser grows with
+the square of the length of a line."""
+
 
 @dataclass(frozen=True)
 class HciConfig:
@@ -86,8 +90,9 @@ class _Fields:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.parser = configparser.ConfigParser(interpolation=None)
-        with decoding(path, "a configuration file", remedy="copy it again or remove it"):
-            self.parser.read_string(path.read_bytes().decode("utf-8-sig"))
+        what, remedy = "a configuration file", "copy it again or remove it"
+        with decoding(path, what, remedy=remedy, max_bytes=MAX_CONFIG_BYTES) as file:
+            self.parser.read_string(file.read().decode("utf-8-sig"))
 
     def number(self, section: str, field: str) -> float | None:
         """Return a number, or None if the file does not have it."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from occjax.errors import InputError
+from occjax.io.limits import ReadLimits
 
 HDR_SUFFIXES = (".exr", ".hdr")
 """Suffixes of images of high dynamic range, in lower case."""
@@ -19,17 +20,19 @@ WHITE_PERCENTILE = 99.9
 """Percentile of the pixels that becomes white."""
 
 
-def read_exr(path: Path) -> np.ndarray:
+def read_exr(path: Path, file_bytes: int) -> np.ndarray:
     """Read the first part of an OpenEXR file.
 
     Args:
         path: File with the channels R, G, B, or with one channel other than A; scanlines or tiles.
+        file_bytes: Its size, with which the size of the image is compared.
 
     Returns:
         ``[H, W, C]`` float32, C of 3 or 1.
 
     Raises:
-        InputError: If the package OpenEXR is not installed, or there are other channels.
+        InputError: If the package OpenEXR is not installed, the image is too large, or it has other
+            channels.
     """
     try:
         import OpenEXR
@@ -37,6 +40,12 @@ def read_exr(path: Path) -> np.ndarray:
         raise InputError(
             f"{path}: reading EXR needs OpenEXR; run pip install 'occjax[exr]'"
         ) from error
+    with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        first, last = file.header()["dataWindow"]
+        values = len(file.header()["channels"])
+    width, height = (int(end) - int(start) + 1 for start, end in zip(first, last, strict=True))
+    limits = ReadLimits.current()
+    limits.check_image(path, (height, width), pixel_bytes=4 * values, file_bytes=file_bytes)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: np.array(c.pixels, np.float32) for name, c in file.channels().items()}
     names = [name for name in channels if name != "A"]

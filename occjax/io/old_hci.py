@@ -76,7 +76,9 @@ def old_hci_disparity(
     if depth.shape == tuple(shape):
         depth = depth[centre_index(shape[:2])]
     depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan).astype(np.float64)
-    return check_ground_truth(path, calibration.disparity(depth, depth.shape[-2:]), shape[2:])
+    with np.errstate(over="ignore"):  # a depth of almost zero has an infinite disparity
+        disparity = calibration.disparity(depth, (shape[2], shape[3]))
+    return check_ground_truth(path, disparity, shape[2:])
 
 
 def _number(value: Any) -> float | None:

@@ -16,10 +16,17 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
+from occjax.io.files import decoding
 
 MIN_PIXELS_FOR_BYTE_ORDER = 256
 """Smallest number of values that can show that the byte order in the header is wrong."""
+
+
+MAX_HEADER_BYTES = 2**14
+"""Number of bytes in which the header, with its comments, must end."""
+
+MAX_WORD_LENGTH = 32
+"""Number of characters of width, height and scale, which is that of no real file."""
 
 
 def read_pfm(path: str | Path) -> np.ndarray:
@@ -43,8 +50,8 @@ def read_pfm(path: str | Path) -> np.ndarray:
         [[1.0, 2.0]]
     """
     path = Path(path)
-    with reading(path):
-        data = path.read_bytes()
+    with decoding(path, "a PFM file") as file:
+        data = file.read()
     return decode_pfm(data, path)
 
 
@@ -112,7 +119,7 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
     # The header ends with the line of its fourth word. Pixel bytes may look like white space, so
     # the header is split into lines first.
     while len(words) < 4:
-        end = data.find(b"\n", start) + 1
+        end = data.find(b"\n", start, MAX_HEADER_BYTES) + 1
         if end == 0:
             raise InputError(f"{path}: the PFM header is incomplete; copy the file again")
         words += data[start:end].split(b"#")[0].decode("ascii", errors="replace").split()
@@ -127,6 +134,8 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
         )
     except (KeyError, ValueError):
         channels, width, height, scale = 0, 0, 0, 0.0
+    if max(map(len, words)) > MAX_WORD_LENGTH:
+        width = 0
     if width < 1 or height < 1 or scale == 0.0 or not math.isfinite(scale):
         raise InputError(
             f"{path}: the PFM header is {' '.join(words)[:40]!r}; it must be PF or Pf, width, "

@@ -26,7 +26,7 @@ from PIL.PngImagePlugin import PngInfo
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.files import decoding
-from occjax.io.images import read_image
+from occjax.io.images import open_with_pillow, read_image
 
 NO_VALUE, INFINITE = 0, 65535
 """Codes of pixels without a value, and of infinite ones."""
@@ -126,7 +126,7 @@ def read_value_png(
     """
     path = Path(path)
     codes = read_image(path)
-    with decoding(path, "the text of a PNG"), Image.open(path) as image:
+    with decoding(path, "the text of a PNG") as file, open_with_pillow(path, file.read()) as image:
         text = {key: str(value) for key, value in getattr(image, "text", {}).items()}
     if codes.shape[2] != 1 or codes.dtype not in (np.uint8, np.uint16):
         raise InputError(
@@ -145,7 +145,7 @@ def read_value_png(
             "scale and offset of value = S * code + O (occjax convert --scale S --offset O)"
         )
     offset = 0.0 if offset is None else offset
-    if not math.isfinite(scale) or scale == 0.0 or not math.isfinite(offset):
+    if not math.isfinite(HIGHEST * scale + offset) or scale == 0.0:
         raise InputError(f"scale {scale:g} and offset {offset:g} must be numbers, scale not zero")
     return DecodedMap(scale * codes.astype(np.float64) + offset, None)
 
@@ -161,7 +161,7 @@ def _decode(path: Path, codes: np.ndarray, text: dict[str, str]) -> DecodedMap:
         scale, offset = float(text["occjax:scale"]), float(text["occjax:offset"])
     except (KeyError, ValueError):
         scale, offset = math.nan, math.nan
-    if not (math.isfinite(scale) and math.isfinite(offset)):
+    if not math.isfinite(HIGHEST * scale + offset):
         raise InputError(f"{path}: its scale or offset is damaged; write the file again")
     values = scale * codes.astype(np.float64) + offset
     values[codes == NO_VALUE] = np.nan

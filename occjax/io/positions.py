@@ -104,8 +104,8 @@ def _step(positions: np.ndarray, axis: int, component: int) -> float:
 def _read_csv(path: Path) -> np.ndarray:
     """Read one line ``row,column`` for each view; a first line that is no numbers is a heading."""
     remedy = "write one line 'row,column' for each view, in the order of the views"
-    with decoding(path, "a table of two columns", remedy=remedy):
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    with decoding(path, "a table of two columns", remedy=remedy, max_bytes=2**24) as file:
+        lines = file.read().decode("utf-8-sig").splitlines()
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
     if numbered and _numbers(numbered[0][1]) is None:
         del numbered[0]

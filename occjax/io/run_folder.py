@@ -99,8 +99,8 @@ def read_description(file: Path) -> dict[str, Any]:
     Raises:
         InputError: If the file is missing or damaged.
     """
-    with decoding(file, "a JSON object", remedy="choose another folder"):
-        description = json.loads(file.read_text(encoding="utf-8"))
+    with decoding(file, "a JSON object", remedy="choose another folder", max_bytes=2**24) as stored:
+        description = json.load(stored)
         if not isinstance(description, dict) or not description:
             raise ValueError("it is empty or not a JSON object")
         return description

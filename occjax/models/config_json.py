@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, get_type_hints
+
+from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
 
 from occjax.models.occcasnet import config as occcasnet_config
 from occjax.models.proposal import config as proposal_config
@@ -17,6 +19,9 @@ _KINDS: dict[str, Callable[..., Any]] = {
     for kind in vars(module).values()
     if dataclasses.is_dataclass(kind) and isinstance(kind, type)
 }
+
+MAX_NUMBER = 10_000
+"""Magnitude that no number of a configuration exceeds."""
 
 LEGACY_PARAMETERS = {"params/sectors/choice/": "params/selector/"}
 """Prefixes of the names of variables in files of earlier versions, and their present form."""
@@ -65,12 +70,20 @@ def config_from_json(text: str) -> ModelConfig:
     def decode(value: Any) -> Any:
         if isinstance(value, dict):
             fields = {key: decode(item) for key, item in value.items()}
-            return _KINDS[fields.pop("kind")](**fields)
+            kind = _KINDS[fields.pop("kind")]
+            types = get_type_hints(kind)
+            for key, item in fields.items():
+                check_type(
+                    item, types[key], collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS
+                )
+            return kind(**fields)
+        if isinstance(value, int | float) and not abs(value) <= MAX_NUMBER:
+            raise ValueError(f"{value:.6g} is beyond {MAX_NUMBER}")
         return tuple(decode(item) for item in value) if isinstance(value, list) else value
 
     try:
         config = decode(_convert_legacy(json.loads(text)))
-    except (AttributeError, KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError, IndexError, TypeCheckError) as error:
         raise ValueError(f"not a model configuration of this version: {error}") from error
     if not isinstance(config, ModelConfig):
         raise ValueError("not a model configuration")

@@ -11,11 +11,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
+from occjax.io.files import decoder_errors, decoding
 from occjax.io.run_folder import first_difference
 from occjax.models.bundled import is_intact
 from occjax.models.config_json import config_from_json, config_to_json, convert_legacy_names
@@ -52,7 +53,7 @@ def save_weights(
     if path.suffix != ".safetensors":
         raise InputError(f"{path}: weights are written to .safetensors; rename the file")
     tensors = {name: np.asarray(value, order="C") for name, value in _flattened(variables).items()}
-    _check_fit(path, tensors, config)
+    _check_fit(path, tensors, variable_shapes(config))
     description = {**(metadata or {}), "config": config_to_json(config)}
     with atomic_path(path) as temporary:
         save_file(tensors, temporary, metadata=description)
@@ -118,23 +119,19 @@ def _compared_fields(config: ModelConfig) -> dict:
 
 
 def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; check the path")
-    try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata() or {}
-            flat = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: is not a readable safetensors file ({error})") from error
-    try:
+    with decoding(path, "a safetensors file"), safe_open(path, framework="numpy") as file:
+        metadata = file.metadata() or {}
+        flat = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    remedy = "pass a file that occjax wrote"
+    with decoder_errors(path, "the configuration of a model of this version", remedy=remedy):
         config = config_from_json(metadata["config"])
-    except (KeyError, ValueError) as error:
-        raise InputError(
-            f"{path}: holds no model configuration of this version; pass a file that occjax wrote"
-        ) from error
     flat = convert_legacy_names(flat)
     if not is_intact(path):  # to trace the shapes of the variables takes a second
-        _check_fit(path, flat, config)
+        if isinstance(config, OccCasNetConfig) and config.depth > len(flat):
+            raise InputError(f"{path}: has fewer arrays than its model has layers; {remedy}")
+        with decoder_errors(path, "weights of a model that can be built", remedy=remedy):
+            expected = variable_shapes(config)
+        _check_fit(path, flat, expected)
     return _nested({name: jnp.asarray(value) for name, value in flat.items()}), config
 
 
@@ -156,9 +153,9 @@ def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
     return tree
 
 
-def _check_fit(path: Path, flat: Mapping[str, Any], config: ModelConfig) -> None:
+def _check_fit(path: Path, flat: Mapping[str, Any], shapes: Mapping[str, Any]) -> None:
     """Name the first weight that is missing, unknown, of another shape, or not finite."""
-    expected = _flattened(variable_shapes(config))
+    expected = _flattened(shapes)
     for name in (*expected, *flat):
         if name not in flat:
             raise InputError(f"{path}: has no weight {name}")
@@ -169,5 +166,7 @@ def _check_fit(path: Path, flat: Mapping[str, Any], config: ModelConfig) -> None
                 f"{path}: {name} has shape {list(flat[name].shape)}, the model needs "
                 f"{list(expected[name].shape)}"
             )
+        if not np.issubdtype(flat[name].dtype, np.floating):
+            raise InputError(f"{path}: {name} has values of the type {flat[name].dtype}")
         if not np.isfinite(flat[name]).all():
             raise InputError(f"{path}: {name} has values that are not finite")

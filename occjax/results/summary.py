@@ -94,12 +94,15 @@ def read_calibration(path: Path) -> Calibration | None:
     Raises:
         InputError: If the file is not a summary.
     """
-    with decoding(path, "a summary of results", remedy="estimate again, or remove it"):
-        stored = json.loads(path.read_text(encoding="utf-8")).get("calibration")
+    what, remedy = "a summary of results", "estimate again, or remove it"
+    with decoding(path, what, remedy=remedy, max_bytes=2**24) as file:
+        stored = json.load(file).get("calibration")
         if stored is None:
             return None
-        focus = stored["focus_distance_m"]
-        return Calibration(**{**stored, "focus_distance_m": math.inf if focus is None else focus})
+        camera = {name: float("inf" if value is None else value) for name, value in stored.items()}
+        if not all(value > 0.0 for value in camera.values()):
+            raise ValueError("the camera has a parameter that is not positive")
+        return Calibration(**camera)
 
 
 def _calibration(calibration: Calibration | None) -> dict[str, float | None] | None:

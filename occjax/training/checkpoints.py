@@ -11,7 +11,7 @@ import orbax.checkpoint as ocp
 from orbax.checkpoint.checkpoint_managers import preservation_policy
 
 import occjax
-from occjax.errors import InputError
+from occjax.io.files import decoder_errors
 from occjax.io.run_folder import open_run_folder, write_description
 from occjax.training.step import TrainState
 
@@ -94,13 +94,10 @@ class Checkpoints:
             InputError: If the checkpoint cannot be read as a state of this training.
         """
         step = self.latest_step
-        try:
+        remedy = "remove that folder to resume from the checkpoint before it"
+        what = "a complete checkpoint of this training"
+        with decoder_errors(self.folder / str(step), what, remedy=remedy):
             return self._manager.restore(step, args=ocp.args.StandardRestore(like))
-        except (ValueError, KeyError, TypeError, OSError) as error:
-            raise InputError(
-                f"{self.folder / str(step)}: is not a complete checkpoint of this training; remove "
-                "that folder to resume from the checkpoint before it"
-            ) from error
 
 
 def open_training_folder(folder: Path, description: Mapping[str, Any]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from occjax.io.atomic import atomic_path
+from occjax.io.files import decoding
 
 LOG_FILE = "log.jsonl"
 TENSORBOARD = "tensorboard"
@@ -62,7 +63,7 @@ class Log:
 def read_log(folder: str | Path) -> list[dict[str, Any]]:
     """Read the log of a training.
 
-    Lines that a crash left incomplete are skipped.
+    Lines that a crash left incomplete or damaged are skipped.
 
     Args:
         folder: Training folder.
@@ -78,13 +79,27 @@ def read_log(folder: str | Path) -> list[dict[str, Any]]:
         [{'kind': 'train', 'step': 50, 'loss': 0.3}]
     """
     path = Path(folder) / LOG_FILE
+    if not path.is_file() or path.stat().st_size == 0:
+        return []
+    with decoding(path, "the log of a training", remedy="remove it") as file:
+        lines = file.read().decode(errors="replace").splitlines()
     entries = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+    for line in lines:
         try:
-            entries.append(json.loads(line))
-        except ValueError:
+            entry = json.loads(line)
+        except (ValueError, RecursionError):
             continue
+        if _is_entry(entry):
+            entries.append(entry)
     return entries
+
+
+def _is_entry(entry: Any) -> bool:
+    """Return whether a value from JSON is a line of the log: kind, step and numbers."""
+    if not isinstance(entry, dict) or not isinstance(entry.get("step"), int):
+        return False
+    numbers = (value for name, value in entry.items() if name != "kind" and value is not None)
+    return isinstance(entry.get("kind"), str) and all(isinstance(n, int | float) for n in numbers)
 
 
 def _line(entry: Mapping[str, Any]) -> str:

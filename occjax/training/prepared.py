@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Float16, Int16, UInt8
+from jaxtyping import Array, Bool, Float, Float16, Float32, Int16, UInt8
 
 import occjax
 from occjax.data.augmentation import random_noise, random_tone
@@ -27,8 +27,8 @@ from occjax.data.samples import LightFieldSample, select_views, to_device
 from occjax.data.sources import check_batch_size
 from occjax.data.transforms import Symmetry, transform_images, transform_offsets
 from occjax.errors import InputError
+from occjax.io.arrays import load_fields
 from occjax.io.atomic import atomic_path
-from occjax.io.files import decoding
 from occjax.io.run_folder import open_run_folder, read_description
 from occjax.models import ProposalConfig, ProposalNet
 from occjax.models.config_json import config_to_json
@@ -76,6 +76,18 @@ class PreparedSample(NamedTuple):
     packed: PackedProposals
     disparity: Float[Array, "*b h w"]
     valid: Bool[Array, "*b h w"]
+
+
+_STORED = {
+    "centre": UInt8[np.ndarray, "h w"],
+    "disparity": Float32[np.ndarray, "h w"],
+    "proposed": Int16[np.ndarray, "k h w"],
+    "costs": UInt8[np.ndarray, "k 13 h w"],
+    "log_variance": Float16[np.ndarray, "h w"],
+    "peak_probability": Float16[np.ndarray, "h w"],
+    "truth": Float32[np.ndarray, "h w"],
+    "valid": Bool[np.ndarray, "h w"],
+}
 
 
 def pack(proposals: Proposals) -> PackedProposals:
@@ -300,11 +312,12 @@ def read_prepared(path: Path) -> PreparedSample:
     Raises:
         InputError: If the file cannot be read or is damaged.
     """
-    kind, remedy = "a prepared light field", "remove it, and it is computed again"
-    # Opened here because NumPy does not close a damaged file.
-    with decoding(path, kind, remedy=remedy), path.open("rb") as file, np.load(file) as stored:
-        packed = PackedProposals(*(stored[name] for name in PackedProposals._fields))
-        return PreparedSample(packed, stored["truth"], stored["valid"])
+    what, remedy = "a prepared light field", "remove it, and it is computed again"
+    fields = load_fields(path, _STORED, what=what, remedy=remedy)
+    truth, valid = fields.pop("truth"), fields.pop("valid")
+    # The fields are annotated as JAX arrays; Any permits NumPy arrays.
+    packed: Any = PackedProposals(**fields)  # type: ignore[arg-type]
+    return PreparedSample(packed, truth, valid)  # type: ignore[arg-type]
 
 
 def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:

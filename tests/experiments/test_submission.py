@@ -144,13 +144,13 @@ def test_repeated_entry_is_a_fault(tmp_path):
 def test_damaged_archive_is_a_fault(tmp_path):
     path = tmp_path / "one.zip"
     path.write_bytes(b"no zip at all")
-    assert "is not a zip archive" in check(path)[0]
+    assert "cannot be decoded as a zip archive" in check(path)[0]
     whole = zipped(tmp_path / "whole.zip", content()).read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    assert "is not a zip archive" in check(path)[0]
+    assert "cannot be decoded as a zip archive" in check(path)[0]
     path.write_bytes(whole.replace(b"1.5\n", b"2.5\n"))
     (finding,) = check(path)
-    assert finding.startswith("runtimes/dots.txt: is damaged (")
+    assert finding.startswith("runtimes/dots.txt: cannot be decoded")
 
 
 def test_damage_of_any_byte_raises_no_other_error(tmp_path):

@@ -83,7 +83,7 @@ def test_other_shapes_are_refused_and_nothing_is_written(tmp_path, shape):
     ("content", "reason"),
     [
         (b"P6\n3 2\n255\n" + BOTTOM_UP, "not a PFM file"),
-        (b"", "not a PFM file"),
+        (b"", "it is empty"),
         (b"PFM\n3 2\n-1.0\n" + BOTTOM_UP, "header"),
         (b"Pf\n3 2\n", "incomplete"),
         (b"Pf\n3 two\n-1.0\n" + BOTTOM_UP, "header"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from decimal import Decimal
 
 import numpy as np
 
@@ -20,6 +22,9 @@ BENCHMARK_VIEWS = 81
 MIN_COMPLETE_FRACTION = 0.5
 """Smallest fraction of the numbers, and of the rows and columns, from which gaps count as missing
 views."""
+
+MIN_PRESENT_FRACTION = 0.02
+"""Smallest fraction of a grid that the files must fill; a cross of views fills 2 / N of NxN."""
 
 MIN_ROUND_FRACTION = 0.7
 """Smallest fraction of a square grid that a round aperture fills; that of a circle is 0.79."""
@@ -117,6 +122,7 @@ def arrange_by_number(
             "square grid; pass the grid with the missing views (--grid V U), or add them"
         )
     rows, columns = grid or (math.isqrt(count),) * 2
+    _check_present(folder, present, (rows, columns))
     if count > rows * columns:
         raise InputError(
             f"{folder}: {by_number[numbers[-1]].string!r} is beyond the {rows}x{columns} grid; "
@@ -154,7 +160,7 @@ def arrange_by_row_and_column(
     indices = [(index_value(match["v"]), index_value(match["u"])) for match in matches]
     by_index = _by_key(folder, list(zip(indices, matches, strict=True)))
     rows, columns = (_places(sorted(set(values))) for values in zip(*by_index, strict=True))
-    found = (len(rows), len(columns))
+    found = (_count(rows), _count(columns))
     one_line = 1 in found and math.prod(found) == len(by_index)
     if grid is not None and one_line and grid != found and math.prod(grid) == len(by_index):
         return NamedViews(found, by_index).regrouped(grid)
@@ -169,20 +175,21 @@ def arrange_by_row_and_column(
             f"{folder}: the names show {found[0]}x{found[1]} views; on which side of the "
             f"{margins} missing rows and columns they are is unknown; leave out grid"
         )
+    shape = found if grid is None else grid
+    _check_present(folder, len(by_index), shape)
+    for axis, name in enumerate(("rows", "columns")):
+        filled = len({index[axis] for index in by_index})
+        if shape[axis] > filled / MIN_COMPLETE_FRACTION:
+            raise InputError(
+                f"{folder}: the names show {shape[0]}x{shape[1]} views, but most {name} have none; "
+                "name one grid only, or pass pattern (--pattern)"
+            )
     rows, columns = (
         _extended(places, margin // 2)
         for places, margin in zip((rows, columns), margins, strict=True)
     )
     placed = {(rows.index(v), columns.index(u)): match for (v, u), match in by_index.items()}
     named = NamedViews((len(rows), len(columns)), placed)
-    for axis, places in enumerate((rows, columns)):
-        filled = len({index[axis] for index in placed})
-        if filled < MIN_COMPLETE_FRACTION * len(places):
-            raise InputError(
-                f"{folder}: the names show {named.grid[0]}x{named.grid[1]} views, but most "
-                f"{('rows', 'columns')[axis]} have none; name one grid only, or pass pattern "
-                "(--pattern)"
-            )
     if len(placed) == math.prod(named.grid):
         side = math.isqrt(len(placed))
         ambiguous = 1 in found and side > 1 and side**2 == len(placed) and grid is None
@@ -223,17 +230,31 @@ def first_few(names: list[str]) -> str:
     return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
 
 
-def _places(indices: list[int]) -> list[int]:
+def _check_present(folder: str, present: int, grid: tuple[int, int]) -> None:
+    """Refuse a grid of many more views than there are files."""
+    if math.prod(grid) > present / MIN_PRESENT_FRACTION:
+        rows, columns = (n if n < 1e9 else f"{Decimal(n):.3g}" for n in grid)
+        raise InputError(
+            f"{folder}: has {present} of the {rows}x{columns} views; correct the grid (--grid V U, "
+            "num_cams_y and num_cams_x in parameters.cfg) or the names of the files"
+        )
+
+
+def _places(indices: list[int]) -> range:
     """Return all row or column numbers: a constant step is kept, gaps are filled."""
-    step = indices[1] - indices[0] if len(indices) > 1 else 1
-    regular = list(range(indices[0], indices[-1] + 1, step))
-    return regular if regular == indices else list(range(indices[0], indices[-1] + 1))
+    steps = {after - before for before, after in itertools.pairwise(indices)}
+    return range(indices[0], indices[-1] + 1, steps.pop() if len(steps) == 1 else 1)
 
 
-def _extended(places: list[int], margin: int) -> list[int]:
+def _count(places: range) -> int:
+    """Return the length of a range of any numbers; ``len`` fails for large ones."""
+    return (places[-1] - places[0]) // places.step + 1
+
+
+def _extended(places: range, margin: int) -> range:
     """Return row or column numbers with as many more on both sides."""
-    step = places[1] - places[0] if len(places) > 1 else 1
-    return list(range(places[0] - margin * step, places[-1] + (margin + 1) * step, step))
+    step = places.step
+    return range(places[0] - margin * step, places[-1] + (margin + 1) * step, step)
 
 
 def _is_square(count: int) -> bool:

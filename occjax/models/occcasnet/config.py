@@ -170,6 +170,11 @@ class OccCasNetConfig:
         return 0 if self.shared_aggregation else stage
 
     @property
+    def depth(self) -> int:
+        """Number of residual blocks."""
+        return sum(self.features.blocks) + sum(stage.aggregation.pairs for stage in self.stages)
+
+    @property
     def needs_ground_truth(self) -> bool:
         """Whether a stage computes its occlusion maps from the ground truth."""
         return any(stage.occlusion == "ground_truth" for stage in self.stages)

@@ -13,6 +13,8 @@ import numpy as np
 from flax import traverse_util
 
 from occjax.errors import InputError
+from occjax.io.containers import read_dataset
+from occjax.io.files import decoding
 from occjax.models.occcasnet.config import OccCasNetConfig
 from occjax.models.occcasnet.network import variable_shapes
 
@@ -83,23 +85,21 @@ def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
         raise InputError(
             f"{path}: reading HDF5 weights needs h5py: pip install 'occjax[published]'"
         ) from error
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        if not path.is_file():
-            raise InputError(f"{path}: there is no such file") from error
-        raise InputError(f"{path}: is not a readable HDF5 file (truncated?)") from error
-    with file:
-        group = file.get("model_weights", file)
-        if "layer_names" not in group.attrs:
+    with decoding(path, "an HDF5 file of weights"), h5py.File(path, "r") as file:
+        stored = {"": file}  # without links, which may lead to other files
+        file.visititems(stored.__setitem__)
+        root = "model_weights/" if "model_weights" in stored else ""
+        if "layer_names" not in stored[root.rstrip("/")].attrs:
             raise InputError(f"{path}: is not a Keras 2 weights file (no 'layer_names' attribute)")
-        for layer in _text(group.attrs["layer_names"]):
-            if layer not in group or "weight_names" not in group[layer].attrs:
+        for layer in _text(stored[root.rstrip("/")].attrs["layer_names"]):
+            group = stored.get(root + layer)
+            if group is None or "weight_names" not in group.attrs:
                 raise InputError(f"{path}: lists {layer} but does not contain it; copy it again")
-            for name in _text(group[layer].attrs["weight_names"]):
-                if name not in group[layer]:
+            for name in _text(group.attrs["weight_names"]):
+                dataset = stored.get(f"{root}{layer}/{name}")
+                if dataset is None:
                     raise InputError(f"{path}: lists {name} but does not contain it; copy it again")
-                yield name, np.asarray(group[layer][name])
+                yield name, read_dataset(path, dataset)
 
 
 def _text(names: Iterable[bytes | str]) -> list[str]:
@@ -174,6 +174,6 @@ def _fit(name: str, value: np.ndarray, target: jax.ShapeDtypeStruct) -> jax.Arra
         raise InputError(
             f"{name}: has shape {list(value.shape)}, the network needs {list(target.shape)}"
         )
-    if not np.isfinite(value).all():
+    if value.dtype.kind != "f" or not np.isfinite(value).all():
         raise InputError(f"{name}: has values that are not finite")
     return jnp.asarray(squeezed, jnp.float32)

@@ -147,7 +147,7 @@ def test_other_files_are_refused(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["data"] = [1.0]
     for path, message in [
-        (text, "not a readable HDF5"),
+        (text, "cannot be decoded as an HDF5 file of weights"),
         (tmp_path / "other.h5", "not a Keras 2 weights file"),
         (tmp_path / "absent.h5", "no such file"),
     ]:
