@@ -82,24 +82,43 @@ def summary(
     }
 
 
-def read_calibration(path: Path) -> Calibration | None:
-    """Read the camera of the light field that was estimated.
+def read_summary(path: Path) -> dict[str, Any]:
+    """Read the summary of an estimate.
 
     Args:
         path: A ``summary.json``.
 
     Returns:
-        The camera; None if it was unknown.
+        Its content; see the table at the top of this module.
 
     Raises:
         InputError: If the file is not a summary.
     """
     with decoding(path, "a summary of results", remedy="estimate again, or remove it"):
-        stored = json.loads(path.read_text(encoding="utf-8")).get("calibration")
-        if stored is None:
-            return None
-        focus = stored["focus_distance_m"]
-        return Calibration(**{**stored, "focus_distance_m": math.inf if focus is None else focus})
+        content = json.loads(path.read_text(encoding="utf-8"))
+        missing = _REQUIRED - content.keys()
+        if missing:
+            raise ValueError(f"it has no {min(missing)}")
+        return content
+
+
+_REQUIRED = {
+    *("scene", "source", "grid", "image_size", "calibration", "model", "weights"),
+    *("searched_disparity_range", "seconds", "versions", "notes"),
+}
+
+
+def stored_calibration(summary: dict[str, Any]) -> Calibration | None:
+    """Return the camera of the light field that was estimated; None if it was unknown.
+
+    Args:
+        summary: From :func:`read_summary`.
+    """
+    stored = summary["calibration"]
+    if stored is None:
+        return None
+    focus = stored["focus_distance_m"]
+    return Calibration(**{**stored, "focus_distance_m": math.inf if focus is None else focus})
 
 
 def _calibration(calibration: Calibration | None) -> dict[str, float | None] | None:
