@@ -51,7 +51,7 @@ class Description:
             row = ElementTree.SubElement(table, "tr")
             ElementTree.SubElement(row, "th", style="text-align:left").text = name
             ElementTree.SubElement(row, "td", style="text-align:left").text = value
-        return ElementTree.tostring(frame, encoding="unicode", method="html")
+        return ElementTree.tostring(frame, encoding="unicode")
 
 
 def describe_light_field(light_field: LightField) -> Description:
@@ -108,7 +108,7 @@ def describe_estimate(estimate: Estimate) -> Description:
         "(rows x columns)"
     )
     known = estimate.disparity[np.isfinite(estimate.disparity)]
-    values = _range(known.min(), known.max()) if known.size else "no value"
+    values = _range(float(known.min()), float(known.max())) if known.size else "no value"
     certain = estimate.confidence[np.isfinite(estimate.confidence)]
     facts = {
         "disparity": f"{values}, searched {_range(*estimate.disparity_range)} {UNIT}",
