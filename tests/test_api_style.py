@@ -91,7 +91,7 @@ MAY_IMPORT = {
     "layout": BASE | {"kernels", "ops", "programs", "view_selection"},
     "io": BASE | {"kernels", "ops", "layout", "view_selection"},
     "evaluation": BASE | {"kernels", "ops", "layout", "io"},
-    "viz": BASE | {"kernels", "ops", "layout", "io", "evaluation"},
+    "viz": BASE | {"kernels", "ops", "layout", "io", "evaluation", "programs"},
     "models": BASE | {"kernels", "ops", "io", "view_selection"},
     "estimators": BASE | {"kernels", "ops", "layout", "io", "models", "programs", "view_selection"},
     "data": BASE | {"kernels", "ops", "layout", "io", "view_selection"},

@@ -33,6 +33,10 @@ COMMANDS = {
     "demo": Command(
         "estimating", "demo_command", "Estimate the bundled sample and compare with the truth."
     ),
+    "refocus": Command(
+        "refocusing", "refocus_command", "Write an image or a video with another focus or aperture."
+    ),
+    "sweep": Command("refocusing", "sweep_command", "Write a video that moves through the views."),
     "check": Command(
         "measuring", "check_command", "Measure the order of the views and the disparity range."
     ),

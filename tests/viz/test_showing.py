@@ -3,6 +3,7 @@
 from xml.etree import ElementTree
 
 import matplotlib
+import matplotlib.pyplot
 import numpy as np
 import pytest
 
@@ -89,7 +90,7 @@ def test_plots_draw_the_values_into_the_axes_and_return_them():
     matplotlib.pyplot.close("all")
 
 
-def test_what_cannot_be_plotted_is_refused():
+def test_what_cannot_be_plotted_is_refused(unchecked):
     with pytest.raises(InputError, match="no ground truth"):
         estimate(light_field=None).plot("error")
     with pytest.raises(InputError, match="quantity is 'depth'"):
