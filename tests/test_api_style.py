@@ -98,6 +98,7 @@ MAY_IMPORT = {
     "training": BASE
     | {"kernels", "ops", "layout", "io", "models", "data", "evaluation", "viz"}
     | {"view_selection", "estimators"},
+    "report": BASE | {"io", "evaluation", "viz", "estimators", "results"},
     "results": BASE
     | {"kernels", "ops", "layout", "io", "evaluation", "viz", "models"}
     | {"estimators", "view_selection"},

@@ -37,6 +37,9 @@ COMMANDS = {
         "refocusing", "refocus_command", "Write an image or a video with another focus or aperture."
     ),
     "sweep": Command("refocusing", "sweep_command", "Write a video that moves through the views."),
+    "report": Command(
+        "reporting", "report_command", "Write a page on results: maps, scores, points, settings."
+    ),
     "check": Command(
         "measuring", "check_command", "Measure the order of the views and the disparity range."
     ),

@@ -123,6 +123,8 @@ def write_outputs(
     light_field: LightField,
     folder: str | Path,
     options: OutputOptions | None = None,
+    *,
+    command: str | None = None,
 ) -> Outputs:
     """Write an estimate as files, all of them or none.
 
@@ -132,6 +134,7 @@ def write_outputs(
         folder: Folder to write. In an existing folder the files of the table at the top of this
             module are replaced, or removed if they are not written now; other files are kept.
         options: What is written; None for the default.
+        command: The command line, for ``summary.json``.
 
     Returns:
         The files that were written, with notes and scores.
@@ -159,7 +162,8 @@ def write_outputs(
             _write_occlusion(estimate.occlusion, temporary)
         if "stages" in options.save and len(estimate.stages) > 1:
             np.save(temporary / "stages.npy", np.asarray(estimate.stages, np.float32))
-        text = json.dumps(summary(estimate, light_field, metrics, notes), indent=2)
+        content = summary(estimate, light_field, metrics, notes, command)
+        text = json.dumps(content, indent=2)
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)

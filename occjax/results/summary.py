@@ -19,6 +19,7 @@
                               threshold, written as a string, to a percentage
 ``seconds``                   object from each phase (load, compile, run) to its wall-clock time
 ``peak_memory_mb``            number, largest memory of the process so far, 10^6 bytes
+``command``                   string or null, the command line
 ``versions``                  {occjax, jax, numpy, python}, strings
 ``notes``                     list of sentences for the user
 ============================  ==================================================================
@@ -48,7 +49,11 @@ SUMMARY = "summary.json"
 
 
 def summary(
-    estimate: Estimate, light_field: LightField, metrics: Metrics | None, notes: tuple[str, ...]
+    estimate: Estimate,
+    light_field: LightField,
+    metrics: Metrics | None,
+    notes: tuple[str, ...],
+    command: str | None = None,
 ) -> dict[str, Any]:
     """Return the content of ``summary.json``; see the table at the top of this module.
 
@@ -57,6 +62,7 @@ def summary(
         light_field: The light field that was estimated.
         metrics: Comparison with the ground truth, if there is one.
         notes: Sentences for the user.
+        command: The command line, if there is one.
     """
     return {
         "scene": light_field.name,
@@ -72,6 +78,7 @@ def summary(
         "metrics": None if metrics is None else metrics.as_dict(),
         "seconds": {phase: round(float(time), 3) for phase, time in estimate.seconds.items()},
         "peak_memory_mb": round(peak_memory_bytes() / 1e6, 1),
+        "command": command,
         "versions": {
             "occjax": metadata.version("occjax"),
             "jax": metadata.version("jax"),

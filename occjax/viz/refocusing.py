@@ -38,8 +38,9 @@ class Refocuser:
         views = light_field.floating()
         if views is light_field.views:
             views = views.copy()
-        for v, u in np.argwhere(brightness.usable):
-            views[v, u] = np.clip(brightness.equalised(views[v, u], v, u), 0.0, 1.0)
+        for v, u in np.ndindex(*light_field.grid):
+            if brightness.usable[v, u]:
+                views[v, u] = np.clip(brightness.equalised(views[v, u], v, u), 0.0, 1.0)
         usable = brightness.usable
         equal = ViewBrightness(np.ones(light_field.grid, np.float32), usable, dark=0)
         report = light_field.view_order_report
