@@ -37,7 +37,7 @@ class ReportConfig:
         jpeg_quality: Quality of the pictures, 1 to 95.
     """
 
-    max_pixels: int = 400_000
+    max_pixels: int = 330_000
     max_occlusion_px: int = 1440
     max_points: int = 150_000
     jpeg_quality: int = 85
@@ -109,9 +109,11 @@ def report_scene(
     disparity = np.where(signal, estimate.disparity, np.nan)
     truth = light_field.ground_truth
     norm = disparity_limits(disparity, estimate.confidence, truth)
+    # More digits of the confidence than are shown would not compress.
+    confidence = np.where(signal, np.round(estimate.confidence, 2), np.nan)
     maps = {
         "disparity": packed(disparity[::step, ::step]),
-        "confidence": packed(np.where(signal, estimate.confidence, np.nan)[::step, ::step]),
+        "confidence": packed(confidence[::step, ::step]),
     }
     if summary.get("metrics") is not None and truth is not None:
         maps["error"] = packed((estimate.disparity - truth)[::step, ::step])

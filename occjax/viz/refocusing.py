@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -113,20 +114,16 @@ def sweep_path(light_field: LightField, path: Path) -> list[tuple[int, int]]:
     indices = np.argwhere(usable)
     offsets = light_field.offsets[usable]
     angles = np.linspace(0.0, 2.0 * np.pi, 8 * max(light_field.grid), endpoint=False)
-    down, right = np.sin(angles), np.cos(angles)
-    if path == "row":
-        down = np.zeros_like(down)
-    elif path == "column":
-        down, right = right, np.zeros_like(right)
     low, high = offsets.min(0), offsets.max(0)
-    extent = np.minimum(-low, high) if (low < 0).all() and (high > 0).all() else (high - low) / 2
-    middle = np.zeros(2) if (low < 0).all() and (high > 0).all() else (high + low) / 2
-    points = middle + extent * np.stack([down, right], -1)
+    turn = np.sin(angles) if path == "circle" else np.cos(angles)
+    points = (low + high) / 2 + (high - low) / 2 * np.stack([turn, np.cos(angles)], -1)
+    if path != "circle":
+        points[:, 0 if path == "row" else 1] = 0.0  # through the centre view
     nearest = np.square(points[:, None] - offsets).sum(-1).argmin(1)
-    changes = np.flatnonzero(nearest != np.roll(nearest, 1))
-    return [tuple(map(int, indices[nearest[place]])) for place in changes] or [
-        tuple(map(int, indices[nearest[0]]))
-    ]
+    visited = [place for place, _ in groupby(map(int, nearest))]
+    if len(visited) > 1 and visited[0] == visited[-1]:
+        visited.pop()
+    return [(int(v), int(u)) for v, u in indices[visited]]
 
 
 @kept

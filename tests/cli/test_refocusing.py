@@ -42,10 +42,12 @@ def test_a_plane_is_sharp_at_the_disparity_of_its_pixel(run, scene, result, tmp_
 def test_sweeps_of_focus_and_of_the_camera_are_videos(run, scene, tmp_path):
     code, out, _ = run("refocus", scene, "--sweep", -1, 1, 3, "-o", tmp_path / "focus.gif")
     assert (code, out.split(": ")[1]) == (0, "3 frames, focus from disparity -1 to 1\n")
-    assert Image.open(tmp_path / "focus.gif").n_frames == 3
+    with Image.open(tmp_path / "focus.gif") as video:
+        assert video.n_frames == 3
     code, out, _ = run("sweep", scene, "--path", "row", "-o", tmp_path / "row.webp")
     assert (code, out.split(": ")[1]) == (0, "16 views\n")
-    assert Image.open(tmp_path / "row.webp").n_frames == 16
+    with Image.open(tmp_path / "row.webp") as video:
+        assert video.n_frames == 16
 
 
 @pytest.mark.slow

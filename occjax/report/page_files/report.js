@@ -78,9 +78,10 @@ function readValues(section, data, maps) {
     const y = Math.floor(down * data.height);
     const i = y * data.width + x;
     const parts = [`row ${y * data.step}, column ${x * data.step}`];
-    for (const [name, values] of Object.entries(maps)) {
-      const digits = name === "confidence" ? 2 : 3;
-      parts.push(`${name} ${Number.isNaN(values[i]) ? "none" : values[i].toFixed(digits)}`);
+    for (const [name, digits] of [["disparity", 3], ["confidence", 2], ["error", 3]]) {
+      if (!maps[name]) continue;
+      const value = maps[name][i];
+      parts.push(`${name} ${Number.isNaN(value) ? "none" : value.toFixed(digits)}`);
     }
     if (data.camera) {
       const inverse = data.camera.slope * maps.disparity[i] + data.camera.constant;
