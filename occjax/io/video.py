@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -87,7 +88,7 @@ def write_video(
             _write_mp4(temporary, all_frames(), first.shape, frames_per_second)
         else:
             images = (Image.fromarray(frame) for frame in all_frames())
-            lossy = {"quality": 85} if path.suffix.lower() == ".webp" else {}
+            lossy: dict[str, Any] = {"quality": 85} if path.suffix.lower() == ".webp" else {}
             next(images).save(
                 temporary,
                 save_all=True,
