@@ -44,5 +44,4 @@ def test_refocusing_examples_run_in_their_order():
     assert np.isfinite(variables["gradient"])
     inside = np.s_[8:-8, 8:-8]
     centre = variables["views"][1, 1]
-    errors = [np.abs(variables[name] - centre)[inside].mean() for name in ("sharp", "image")]
-    assert errors[0] < 0.5 * errors[1]
+    assert np.abs(variables["sharp"] - centre)[inside].mean() < 0.02
