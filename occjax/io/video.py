@@ -67,7 +67,8 @@ def write_video(
         >>> path = Path(tempfile.mkdtemp()) / "blink.gif"
         >>> write_video(path, (np.full((8, 8, 3), level, np.uint8) for level in (0, 255)))
         2
-        >>> Image.open(path).n_frames
+        >>> with Image.open(path) as image:
+        ...     image.n_frames
         2
     """
     path = Path(path)
