@@ -20,5 +20,6 @@ from .estimators import (
 from .io import load as load
 from .layout import check as check
 from .lightfield import Calibration as Calibration, LightField as LightField
+from .ops import all_in_focus as all_in_focus, refocus as refocus
 
 __version__: str

@@ -17,11 +17,14 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from occjax.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in the grey image (ITU-R BT.601)."""
@@ -169,7 +172,7 @@ class Calibration:
         return self.focal_length_pixels(image_size) * self.baseline_mm / 1000.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LightField:
     """A rectangular grid of views of one scene, with the metadata that its files contain.
 
@@ -271,6 +274,11 @@ class LightField:
         """``[H, W, C]`` centre view, as stored."""
         return self.views[centre_index(self.grid)]
 
+    @property
+    def offsets(self) -> np.ndarray:
+        """``[V, U, 2]`` float32 offset ``(row, column)`` of each view, in view steps."""
+        return view_offsets(*self.grid) if self.positions is None else self.positions
+
     def floating(self) -> np.ndarray:
         """Return the views as ``[V, U, H, W, C]`` float32 in [0, 1]."""
         return to_unit_float(self.views)
@@ -303,6 +311,36 @@ class LightField:
             usable=usable,
             view_order_report=None,
         )
+
+    def plot(self, *, axes: Axes | None = None) -> Axes:
+        """Draw the centre view with Matplotlib.
+
+        Args:
+            axes: Axes to draw into; by default those of a new figure.
+
+        Returns:
+            The axes.
+
+        Example:
+            >>> LightField(np.zeros((3, 3, 8, 8), np.uint8), name="wall").plot().get_title()
+            'wall'
+        """
+        from occjax.viz.plots import plot_light_field
+
+        return plot_light_field(self, axes)
+
+    def __repr__(self) -> str:
+        """Describe the light field in two lines."""
+        from occjax.viz.descriptions import describe_light_field
+
+        return str(describe_light_field(self))
+
+    def _repr_html_(self) -> str:
+        """Return the centre view and a table, which notebooks show."""
+        from occjax.viz.descriptions import describe_light_field
+        from occjax.viz.pictures import view_picture
+
+        return describe_light_field(self).html(view_picture(self.centre))
 
 
 def to_unit_float(images: np.ndarray) -> np.ndarray:

@@ -35,3 +35,13 @@ def test_the_camera_is_found_from_two_known_distances():
         camera.disparity(depths, (300, 400)), depths, camera.focal_length_pixels((300, 400))
     )
     np.testing.assert_allclose(measured, (3.0, 0.7))
+
+
+def test_refocusing_examples_run_in_their_order():
+    variables = {}
+    for example in examples("refocusing.md"):
+        exec(example, variables)
+    assert np.isfinite(variables["gradient"])
+    inside = np.s_[8:-8, 8:-8]
+    centre = variables["views"][1, 1]
+    assert np.abs(variables["sharp"] - centre)[inside].mean() < 0.02

@@ -17,7 +17,7 @@ from occjax.io.hci_config import read_hci_config
 from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity
 from occjax.lightfield import Calibration
 from occjax.results.conversion import convert_map, normals, point_cloud, write_points
-from occjax.results.summary import SUMMARY, read_calibration
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration
 
 Target = Literal["disparity", "depth", "normals", "points"]
 
@@ -203,7 +203,7 @@ def _read_camera(
     if path is not None:
         stored = _read_parameters(path, content)
     elif (folder / SUMMARY).is_file():
-        stored = read_calibration(folder / SUMMARY)
+        stored = stored_calibration(read_summary(folder / SUMMARY))
         if stored is not None:
             print(f"camera: {folder / SUMMARY}")
     calibration = options.calibration(stored)

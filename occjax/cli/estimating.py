@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import CameraOptions, ViewOrderOptions, option, pair
 from occjax.errors import InputError
@@ -69,6 +69,15 @@ def estimate_command(
             "FLOAT",
         ),
     ] = None,
+    report: FlagCreatePairsOff[
+        Annotated[
+            bool,
+            arg(
+                help="Also write FOLDER/report.html, one page on all scenes (extra report).",
+                help_behavior_hint="",
+            ),
+        ]
+    ] = False,
     camera: OmitArgPrefixes[CameraOptions] = CameraOptions(),
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
@@ -86,9 +95,16 @@ def estimate_command(
     from occjax.results.outputs import output_options
 
     options = output_options(save, min_confidence)
+    if report:
+        from occjax.report.page import check_report
+
+        check_report()
     estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)
     check_writable(output)
-    return estimate_scenes(scenes, output, estimator, view_order, camera, disparity_range, options)
+    html = output / "report.html" if report else None
+    return estimate_scenes(
+        scenes, output, estimator, view_order, camera, disparity_range, options, html=html
+    )
 
 
 def demo_command(
@@ -97,6 +113,7 @@ def demo_command(
     ] = Path("occjax-demo"),
 ) -> int:
     """Estimate the bundled sample light field and compare it with its ground truth."""
+    from occjax.cli.running import command_line
     from occjax.cli.scenes import phase_reporter, report
     from occjax.data.bundled_sample import sample
     from occjax.estimators import make_estimator, run_estimator
@@ -114,6 +131,7 @@ def demo_command(
         occlusion=True,
         report_phase=phase_reporter(None, light_field.name),
     )
-    outputs = write_outputs(estimate, light_field, output, output_options("all", None))
+    options = output_options("all", None)
+    outputs = write_outputs(estimate, light_field, output, options, command=command_line())
     print(report(light_field.name, estimate, outputs))
     return 0

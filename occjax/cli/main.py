@@ -33,6 +33,13 @@ COMMANDS = {
     "demo": Command(
         "estimating", "demo_command", "Estimate the bundled sample and compare with the truth."
     ),
+    "refocus": Command(
+        "refocusing", "refocus_command", "Write an image or a video with another focus or aperture."
+    ),
+    "sweep": Command("refocusing", "sweep_command", "Write a video that moves through the views."),
+    "report": Command(
+        "reporting", "report_command", "Write a page on results: maps, scores, points, settings."
+    ),
     "check": Command(
         "measuring", "check_command", "Measure the order of the views and the disparity range."
     ),

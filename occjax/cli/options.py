@@ -21,23 +21,32 @@ def option(help: str, metavar: str, *aliases: str) -> Any:
 
 
 def pair(kind: type[int] | type[float]) -> Any:
-    """Describe an option of exactly two numbers; its default ``None`` cannot be passed.
-
-    Without this, the option would take all words that follow it, also the name of the scene.
+    """Describe an option of exactly two numbers, see :func:`numbers`.
 
     Args:
         kind: ``int`` or ``float``.
     """
-    numbers = {int: "two whole numbers", float: "two numbers"}[kind]
+    return numbers(kind, kind, meaning={int: "two whole numbers", float: "two numbers"}[kind])
+
+
+def numbers(*kinds: type[int] | type[float], meaning: str) -> Any:
+    """Describe an option of so many numbers; its default ``None`` cannot be passed.
+
+    Without this, the option would take all words that follow it, also the name of the scene.
+
+    Args:
+        *kinds: ``int`` or ``float`` for each number.
+        meaning: What they are in words, for messages.
+    """
 
     def parse(words: list[str]) -> tuple[int | float, ...]:
         try:
-            return tuple(kind(word) for word in words)
+            return tuple(kind(word) for kind, word in zip(kinds, words, strict=True))
         except ValueError:
-            raise ValueError(f"pass {numbers}, not {' '.join(words)}") from None
+            raise ValueError(f"pass {meaning}, not {' '.join(words)}") from None
 
     return PrimitiveConstructorSpec(
-        nargs=2,
+        nargs=len(kinds),
         metavar="",  # that of ``option``
         instance_from_str=parse,
         is_instance=lambda value: value is None or isinstance(value, tuple),

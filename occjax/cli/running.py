@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import threading
 import warnings
@@ -30,6 +31,11 @@ def exit_with(command: Callable[[], int]) -> NoReturn:
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = show_warning
         sys.exit(_exit_code(command))
+
+
+def command_line() -> str:
+    """Return the command line of this process, as it can be typed again."""
+    return shlex.join(["occjax", *sys.argv[1:]])
 
 
 def show_warning(message, category, filename, lineno, file=None, line=None) -> None:

@@ -14,17 +14,21 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from tqdm import tqdm
 
 from occjax.cli.options import CameraOptions, ViewOrderOptions
-from occjax.cli.running import collect_warnings, print_warning
+from occjax.cli.running import collect_warnings, command_line, print_warning
 from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, run_estimator
 from occjax.estimators.protocol import DisparityRange
 from occjax.lightfield import LightField
 from occjax.results.outputs import OutputOptions, Outputs, write_outputs
+from occjax.results.summary import SUMMARY, read_summary
+
+if TYPE_CHECKING:
+    from occjax.report.scenes import ReportScene
 
 FAILURES = (InputError, MemoryError, OSError, ValueError, RuntimeError)
 """Errors of one scene, which do not stop the others."""
@@ -46,6 +50,8 @@ def estimate_scenes(
     camera: CameraOptions,
     disparity_range: DisparityRange | None,
     options: OutputOptions,
+    *,
+    html: Path | None = None,
 ) -> int:
     """Estimate scenes and write the results of each to a folder of its own.
 
@@ -57,6 +63,7 @@ def estimate_scenes(
         camera: Camera parameters, in place of those of the files.
         disparity_range: Range to search, or None.
         options: What is written.
+        html: File of a report on all scenes, or None.
 
     Returns:
         The exit code: 1 if a scene failed.
@@ -67,6 +74,7 @@ def estimate_scenes(
     names = folder_names(scenes)
     remaining = iter(names)
     failed: list[Path] = []
+    reported: list[ReportScene] = []
     reader, writer = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
 
     def read_next() -> Future[ReadScene] | None:
@@ -77,7 +85,12 @@ def estimate_scenes(
         try:
             if isinstance(result, Exception):
                 raise result
-            outputs = write_outputs(*result, folder / names[scene], options)
+            place = folder / names[scene]
+            outputs = write_outputs(*result, place, options, command=command_line())
+            if html is not None:
+                from occjax.report.scenes import report_scene
+
+                reported.append(report_scene(result[0], read_summary(place / SUMMARY)))
             tqdm.write(report(names[scene], result[0], outputs))
         except FAILURES as error:
             if len(names) == 1:
@@ -107,7 +120,7 @@ def estimate_scenes(
                     estimator,
                     light_field,
                     disparity_range=disparity_range,
-                    occlusion="occlusion" in options.save,
+                    occlusion="occlusion" in options.save or html is not None,
                     report_phase=report_phase,
                 )
                 estimate = dataclasses.replace(
@@ -127,6 +140,12 @@ def estimate_scenes(
     finally:
         reader.shutdown(cancel_futures=True)
         writer.shutdown(cancel_futures=True)
+    if reported:
+        from occjax.report.page import write_report
+
+        assert html is not None
+        write_report(html, reported)
+        print(f"report: {html}")
     if failed:
         listed = ", ".join(str(scene) for scene in failed)
         print(f"occjax: {len(failed)} of {len(names)} scenes failed: {listed}", file=sys.stderr)

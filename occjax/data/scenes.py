@@ -12,7 +12,7 @@ from tqdm import tqdm
 from occjax.errors import InputError
 from occjax.io import load, read_image
 from occjax.io.files import reading
-from occjax.lightfield import to_unit_float, view_offsets
+from occjax.lightfield import to_unit_float
 from occjax.view_selection import Selection, select_from_grid
 
 GROUND_TRUTH = "gt_disp_lowres.pfm"
@@ -115,8 +115,7 @@ def _read_scene(folder: Path, views: Selection) -> Scene:
                 f"{folder / MASK}: is {list(mask.shape)} but the views are {list(truth.shape)}"
             )
         valid &= ~mask
-    positions = light_field.positions
-    offsets = view_offsets(*light_field.grid) if positions is None else positions
+    offsets = light_field.offsets
     indices = select_from_grid(offsets, views)
     images = light_field.views[indices]
     if images.dtype != np.uint8:

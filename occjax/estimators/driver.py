@@ -118,6 +118,7 @@ def run_estimator(
         yield
         seconds[name] = time.perf_counter() - begin
 
+    given = light_field
     with phase("prepare", "preparing"):
         light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
@@ -136,7 +137,7 @@ def run_estimator(
         with phase("occlusion", "occlusion maps"):
             maps = estimate_occlusion(light_field, result.disparity)
         result = dataclasses.replace(result, occlusion=maps)
-    return dataclasses.replace(result, seconds=seconds)
+    return dataclasses.replace(result, seconds=seconds, light_field=given)
 
 
 def estimate_occlusion(light_field: LightField, disparity: np.ndarray) -> np.ndarray:

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from occjax.errors import InputError
 from occjax.lightfield import LightField
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from occjax.results.outputs import Outputs
+    from occjax.viz.plots import Quantity
 
 DisparityRange = tuple[float, float]
 """``(minimum, maximum)``, in pixels per view step."""
@@ -33,7 +41,7 @@ class ModelInputs(NamedTuple):
     view_indices: np.ndarray | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """Disparity map of the centre view.
 
@@ -54,6 +62,8 @@ class Estimate:
             view does not see the point; None unless requested or computed by the model.
         notes: Messages for the user, such as a cropped grid or the measured range.
         seconds: Wall-clock seconds of each phase, e.g. ``{"compile": 3.1, "run": 0.4}``.
+        light_field: The light field that was estimated; :meth:`load` returns the part of it that is
+            stored.
     """
 
     disparity: np.ndarray
@@ -67,6 +77,106 @@ class Estimate:
     occlusion: np.ndarray | None = None
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
+    light_field: LightField | None = None
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        what: str | tuple[str, ...] = ("maps", "pictures", "cloud"),
+        min_confidence: float | None = None,
+    ) -> Outputs:
+        """Write the estimate to a folder, as ``occjax estimate`` does.
+
+        Args:
+            folder: Folder to write; see :func:`occjax.results.outputs.write_outputs`.
+            what: Groups of files: names of :data:`occjax.results.groups.GROUPS`, or ``"all"``.
+            min_confidence: Confidence in [0, 1] below which a pixel has no point in the cloud.
+
+        Returns:
+            The files that were written, with notes and scores.
+
+        Raises:
+            InputError: If the estimate has no light field, a name is unknown, or the folder cannot
+                be written.
+
+        Example:
+            >>> import tempfile
+            >>> flat = np.ones((8, 8), np.float32)
+            >>> wall = LightField(np.zeros((3, 3, 8, 8), np.uint8))
+            >>> estimate = Estimate(flat, flat, flat, (0.0, 2.0), "mine", light_field=wall)
+            >>> outputs = estimate.save(tempfile.mkdtemp(), what="maps")
+            >>> Estimate.load(outputs.folder).disparity[0, 0].item()
+            1.0
+        """
+        from occjax.results.outputs import output_options, write_outputs
+
+        if self.light_field is None:
+            raise InputError(
+                "the estimate has no light field; set it with dataclasses.replace(estimate, "
+                "light_field=light_field)"
+            )
+        return write_outputs(self, self.light_field, folder, output_options(what, min_confidence))
+
+    @classmethod
+    def load(cls, folder: str | Path, *, light_field: LightField | None = None) -> Estimate:
+        """Read an estimate from a folder that :meth:`save` or ``occjax estimate`` has written.
+
+        Disparity, confidence, standard deviation and stages are exact. Occlusion maps are stored in
+        half precision.
+
+        Args:
+            folder: The folder; it must contain the group of files ``maps``.
+            light_field: The light field that was estimated. Without it, the light field of the
+                estimate has the stored grid, calibration and ground truth, and the centre view in 8
+                bits; no other view is usable. It is None if an older version wrote the folder.
+
+        Returns:
+            The estimate. What was not saved is None; an unknown standard deviation is NaN.
+
+        Raises:
+            InputError: If the folder has no disparity map or no summary, a file is damaged, or the
+                light field has another size.
+        """
+        from occjax.results.reading import read_estimate
+
+        return read_estimate(folder, light_field)
+
+    def plot(self, quantity: Quantity = "disparity", *, axes: Axes | None = None) -> Axes:
+        """Draw a map with its colour bar with Matplotlib.
+
+        Args:
+            quantity: ``"disparity"``, ``"confidence"``, or ``"error"``, which needs ground truth.
+            axes: Axes to draw into; by default those of a new figure.
+
+        Returns:
+            The axes.
+
+        Raises:
+            InputError: If the quantity is unknown, or there is no ground truth for the error.
+
+        Example:
+            >>> flat = np.ones((8, 8), np.float32)
+            >>> Estimate(flat, flat, flat, (0.0, 2.0), "mine").plot("confidence").get_title()
+            'Confidence'
+        """
+        from occjax.viz.plots import plot_estimate
+
+        return plot_estimate(self, quantity, axes)
+
+    def __repr__(self) -> str:
+        """Describe the estimate in two lines."""
+        from occjax.viz.descriptions import describe_estimate
+
+        return str(describe_estimate(self))
+
+    def _repr_html_(self) -> str:
+        """Return the disparity map in colours and a table, which notebooks show."""
+        from occjax.viz.descriptions import describe_estimate
+        from occjax.viz.pictures import disparity_picture
+
+        picture = disparity_picture(self.disparity, confidence=self.confidence)
+        return describe_estimate(self).html(picture)
 
 
 @runtime_checkable

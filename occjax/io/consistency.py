@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from occjax.layout import ViewOrderConfig
 from occjax.layout.report import view_order_scores
-from occjax.lightfield import LightField, centre_index, project, to_grey, view_offsets
+from occjax.lightfield import LightField, centre_index, project, to_grey
 
 MIN_TRUTH_RATIO = 1.3
 """Ratio of the grey differences under two readings of the truth from which the lower is right."""
@@ -75,8 +75,7 @@ def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
     """Return the mean grey difference of the centre view from its neighbours at a disparity."""
     (rows, columns), (h, w) = light_field.grid, light_field.image_size
     v0, u0 = centre_index(light_field.grid)
-    positions = light_field.positions
-    offsets = view_offsets(rows, columns) if positions is None else positions
+    offsets = light_field.offsets
     step = max(1, min(h, w) // TRUTH_SAMPLES)
     y, x = np.mgrid[0:h:step, 0:w:step]
     centre, d = to_grey(light_field.centre)[y, x], disparity[y, x].astype(np.float64)

@@ -39,9 +39,19 @@ class ViewBrightness:
 
         It is exactly :func:`occjax.lightfield.to_grey` of a view of gain 1.
         """
-        image, gain = to_grey(light_field.views[v, u]), self.gain[v, u]
+        return self.equalised(to_grey(light_field.views[v, u])[..., None], v, u)[..., 0]
+
+    def equalised(self, image: np.ndarray, v: int, u: int) -> np.ndarray:
+        """Return an image ``[H, W, C]`` of view ``(v, u)`` at the brightness of the centre view.
+
+        Args:
+            image: ``[H, W, C]`` float32.
+            v: Row of the view.
+            u: Column of the view.
+        """
+        gain = self.gain[v, u]
         if self.fall_off is not None:
-            gain = gain * np.exp(_terms(image.shape) @ self.fall_off[v, u])
+            gain = gain * np.exp(_terms(image.shape[:2]) @ self.fall_off[v, u])[..., None]
         return image if np.all(gain == 1) else (image / gain).astype(np.float32)
 
     @property

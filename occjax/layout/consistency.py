@@ -28,7 +28,7 @@ from occjax.errors import InputError
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.orientation import Orientation
-from occjax.lightfield import LightField, centre_index, view_offsets
+from occjax.lightfield import LightField, centre_index
 from occjax.programs import kept
 
 Image = TypeVar("Image", np.ndarray, Array)
@@ -96,8 +96,7 @@ def view_cross(
     scale = max(1, math.ceil(min(light_field.image_size) / size_px))
     rows, columns = light_field.grid
     v0, u0 = centre_index(light_field.grid)
-    positions = light_field.positions
-    offsets = view_offsets(rows, columns) if positions is None else positions
+    offsets = light_field.offsets
 
     def image(v: int, u: int) -> np.ndarray:
         return reduce_image(brightness.grey(light_field, v, u), scale)

@@ -12,6 +12,7 @@ from occjax.ops.geometry import (
     surface_normals,
 )
 from occjax.ops.occlusion import occlusion_maps, occlusion_weights
+from occjax.ops.refocus import all_in_focus, aperture_weights, refocus
 from occjax.ops.regression import (
     Confidence,
     confidence,
@@ -32,6 +33,8 @@ from occjax.ops.volume import (
 
 __all__ = [
     "Confidence",
+    "all_in_focus",
+    "aperture_weights",
     "back_project",
     "coarse_volume",
     "coarse_volume_means",
@@ -45,6 +48,7 @@ __all__ = [
     "occlusion_maps",
     "occlusion_weights",
     "refined_volume",
+    "refocus",
     "shift",
     "soft_argmin",
     "surface_normals",

@@ -29,7 +29,7 @@ from jaxtyping import Array, Float, Int
 from occjax.errors import InputError, check_one_of
 from occjax.kernels.bilinear import base_and_fraction, whole_and_fraction
 from occjax.kernels.reductions import accumulation_dtype
-from occjax.lightfield import project
+from occjax.lightfield import project, view_offsets
 
 Border = Literal["replicate", "zero"]
 """What :func:`warp` reads outside the image."""
@@ -252,3 +252,21 @@ def as_coordinates(*values: ArrayLike) -> tuple[Array, ...]:
     arrays = [jnp.asarray(value) for value in values]
     double = any(array.dtype == jnp.float64 for array in arrays)
     return tuple(array.astype(jnp.float64 if double else jnp.float32) for array in arrays)
+
+
+def as_offsets(offsets: ArrayLike | None, grid: tuple[int, ...]) -> Float[Array, "v u 2"]:
+    """Return the offsets of the views as coordinates.
+
+    Args:
+        offsets: Offset ``(row, column)`` of each view, in view steps; None for a regular grid.
+        grid: ``(V, U)``, number of view rows and view columns.
+
+    Raises:
+        InputError: If there is not one offset for each view.
+    """
+    if offsets is None:
+        return jnp.asarray(view_offsets(*grid))
+    (offsets,) = as_coordinates(offsets)
+    if offsets.shape != (*grid, 2):
+        raise InputError(f"offsets must be {[*grid, 2]}, not {list(offsets.shape)}")
+    return offsets

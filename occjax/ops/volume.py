@@ -24,8 +24,8 @@ from jaxtyping import Array, Float, Int
 from occjax.errors import InputError
 from occjax.kernels.bilinear import whole_and_fraction
 from occjax.kernels.reductions import accumulation_dtype
-from occjax.lightfield import centre_index, view_offsets
-from occjax.ops.sampling import Border, Rows, as_coordinates, as_images, shift, warp
+from occjax.lightfield import centre_index
+from occjax.ops.sampling import Border, Rows, as_coordinates, as_images, as_offsets, shift, warp
 
 Combine = Callable[[Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]]
 """Function of the registered views and their weights at one candidate; returns a volume plane."""
@@ -172,7 +172,7 @@ def coarse_volume(
         (5, 8, 8, 36)
     """
     features = as_images(features, "v u h w c", "features")
-    candidates, offsets = _candidates(candidates), _offsets(features, offsets)
+    candidates, offsets = _candidates(candidates), as_offsets(offsets, features.shape[:2])
     v, u, h, w, _ = features.shape
     weights = _weights(weights, (v, u, h if rows is None else rows[1], w))
     if streamed and combine is concatenate and weights is None:
@@ -264,7 +264,7 @@ def coarse_volume_means(
         [1.0, 1.0, 1.0]
     """
     features = as_images(features, "v u h w c", "features")
-    candidates, offsets = _candidates(candidates), _offsets(features, offsets)
+    candidates, offsets = _candidates(candidates), as_offsets(offsets, features.shape[:2])
     _, _, h, w, _ = features.shape
     features = features.astype(accumulation_dtype(features))
 
@@ -371,7 +371,7 @@ def warp_views(
     def register(view, offset):
         return warp(view, disparity, offset, border=border, first_row=first_row)
 
-    return jax.vmap(jax.vmap(register))(views, _offsets(views, offsets))
+    return jax.vmap(jax.vmap(register))(views, as_offsets(offsets, views.shape[:2]))
 
 
 def _map_candidates(
@@ -385,17 +385,6 @@ def _candidates(candidates: ArrayLike) -> Float[Array, " d"]:
     if candidates.ndim != 1:
         raise InputError(f"candidates must be a vector [d], not {list(candidates.shape)}")
     return candidates
-
-
-def _offsets(views: Array, offsets: ArrayLike | None) -> Float[Array, "v u 2"]:
-    """Return the given offsets, or those of a regular grid, after a check of their shape."""
-    grid = views.shape[:2]
-    if offsets is None:
-        return jnp.asarray(view_offsets(*grid))
-    (offsets,) = as_coordinates(offsets)
-    if offsets.shape != (*grid, 2):
-        raise InputError(f"offsets must be {[*grid, 2]}, not {list(offsets.shape)}")
-    return offsets
 
 
 def _weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> Array | None:

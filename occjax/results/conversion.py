@@ -14,7 +14,7 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.io.maps import Map, Quantity
 from occjax.io.ply import write_ply
-from occjax.lightfield import Calibration, to_unit_float
+from occjax.lightfield import Calibration
 
 METRES = "metres; x right, y up, z to the viewer; centre camera at the origin"
 PIXELS = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
@@ -195,12 +195,13 @@ def write_points(
     written = written if mask is None else written & mask
     colours = None
     if centre is not None:
+        from occjax.viz.pictures import view_picture
+
         if centre.shape[:2] != written.shape:
             raise InputError(
                 f"{path}: the centre view is {list(centre.shape[:2])} but the map is "
                 f"{list(written.shape)} (rows, columns); use the views that the map belongs to"
             )
-        levels = np.floor(np.clip(to_unit_float(centre), 0.0, 1.0) * 255.0 + 0.5)
-        colours = np.broadcast_to(levels, cloud.points.shape).astype(np.uint8)[written]
+        colours = view_picture(centre)[written]
     write_ply(path, cloud.points[written], colours, comment=cloud.unit)
     return int(written.sum())

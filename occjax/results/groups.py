@@ -7,11 +7,15 @@ from types import MappingProxyType
 
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "maps": ("disparity.pfm", "disparity.npy", "confidence.npy", "depth.npy"),
+        "maps": (
+            *("disparity.pfm", "disparity.npy", "confidence.npy", "standard_deviation.npy"),
+            *("depth.npy", "ground_truth.npy", "centre.png"),
+        ),
         "pictures": ("disparity_picture.png", "confidence.png", "error.png"),
         "cloud": ("points.ply",),
         "figures": ("comparison.png",),
         "occlusion": ("occlusion.npy", "occlusion.png"),
+        "stages": ("stages.npy",),
     }
 )
 """File names of each group."""

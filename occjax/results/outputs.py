@@ -1,22 +1,27 @@
 """The folder of files that an estimate is written to.
 
-=========================  =====================================================================
-``disparity.pfm``          maps: disparity, pixels per view step, in the exchange format of this
-                           field
-``disparity.npy``          maps: the same, ``[H, W]`` float32
-``confidence.npy``         maps: confidence in [0, 1], ``[H, W]`` float32
-``depth.npy``              maps: ``[H, W]`` float32 metres, if the light field is calibrated
-``disparity_picture.png``  pictures: disparity in colours; pixels without signal are grey
-``confidence.png``         pictures: confidence in colours
-``error.png``              pictures: signed error, if there is ground truth
-``points.ply``             cloud: coloured points, in metres if calibrated, else in pixels, of the
-                           pixels with signal (:func:`has_signal`)
-``comparison.png``         figures: centre view, ground truth, estimate and error next to each
-                           other, with colour bars
-``occlusion.npy``          occlusion: ``[V, U, H, W]`` float16 occlusion map of each view
-``occlusion.png``          occlusion: the same as a figure
-``summary.json``           settings, scores and timings, see :mod:`occjax.results.summary`
-=========================  =====================================================================
+==========================  ====================================================================
+``disparity.pfm``           maps: disparity, pixels per view step, in the exchange format of this
+                            field
+``disparity.npy``           maps: the same, ``[H, W]`` float32
+``confidence.npy``          maps: confidence in [0, 1], ``[H, W]`` float32
+``standard_deviation.npy``  maps: standard deviation, ``[H, W]`` float32, pixels per view step
+``depth.npy``               maps: ``[H, W]`` float32 metres, if the light field is calibrated
+``ground_truth.npy``        maps: ``[H, W]`` float32 true disparity, if the light field has it
+``centre.png``              maps: centre view in 8 bits
+``disparity_picture.png``   pictures: disparity in colours; pixels without signal are grey
+``confidence.png``          pictures: confidence in colours
+``error.png``               pictures: signed error, if there is ground truth
+``points.ply``              cloud: coloured points, in metres if calibrated, else in pixels, of the
+                            pixels with signal (:func:`has_signal`)
+``comparison.png``          figures: centre view, ground truth, estimate and error next to each
+                            other, with colour bars
+``occlusion.npy``           occlusion: ``[V, U, H, W]`` float16 occlusion map of each view
+``occlusion.png``           occlusion: the same as a figure
+``stages.npy``              stages: ``[S, H, W]`` float32 disparity after each stage, if there are
+                            several
+``summary.json``            settings, scores and timings, see :mod:`occjax.results.summary`
+==========================  ====================================================================
 
 The word before the colon is the group (:data:`occjax.results.groups.GROUPS`) by which
 :class:`OutputOptions` chooses files.
@@ -40,7 +45,13 @@ from occjax.lightfield import LightField, to_unit_float
 from occjax.results.conversion import convert_map, flying_pixels, point_cloud, write_points
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
 from occjax.results.summary import summary
-from occjax.viz.pictures import confidence_picture, disparity_picture, error_picture, save_picture
+from occjax.viz.pictures import (
+    confidence_picture,
+    disparity_picture,
+    error_picture,
+    save_picture,
+    view_picture,
+)
 
 FILES = tuple(sorted([name for names in GROUPS.values() for name in names] + ["summary.json"]))
 """All file names that an estimate may be written to."""
@@ -71,11 +82,11 @@ class OutputOptions:
             raise InputError(f"min_confidence is {self.min_confidence:g}; pass 0 to 1")
 
 
-def output_options(save: str, min_confidence: float | None) -> OutputOptions:
-    """Return the options of the command line.
+def output_options(save: str | tuple[str, ...], min_confidence: float | None) -> OutputOptions:
+    """Return the options of the command line and of :meth:`Estimate.save`.
 
     Args:
-        save: ``"all"``, or names of groups separated by commas.
+        save: ``"all"``, or names of groups, as a tuple or separated by commas.
         min_confidence: See :class:`OutputOptions`.
 
     Raises:
@@ -85,7 +96,8 @@ def output_options(save: str, min_confidence: float | None) -> OutputOptions:
         >>> output_options("maps, cloud", None).save
         ('maps', 'cloud')
     """
-    names = tuple(name.strip() for name in save.split(",") if name.strip())
+    listed = save.split(",") if isinstance(save, str) else save
+    names = tuple(name.strip() for name in listed if name.strip())
     return OutputOptions(tuple(GROUPS) if names == ("all",) else names, min_confidence)
 
 
@@ -111,6 +123,8 @@ def write_outputs(
     light_field: LightField,
     folder: str | Path,
     options: OutputOptions | None = None,
+    *,
+    command: str | None = None,
 ) -> Outputs:
     """Write an estimate as files, all of them or none.
 
@@ -120,6 +134,7 @@ def write_outputs(
         folder: Folder to write. In an existing folder the files of the table at the top of this
             module are replaced, or removed if they are not written now; other files are kept.
         options: What is written; None for the default.
+        command: The command line, for ``summary.json``.
 
     Returns:
         The files that were written, with notes and scores.
@@ -145,7 +160,10 @@ def write_outputs(
             _write_comparison(estimate, light_field, metrics, signal, temporary)
         if "occlusion" in options.save and estimate.occlusion is not None:
             _write_occlusion(estimate.occlusion, temporary)
-        text = json.dumps(summary(estimate, light_field, metrics, notes), indent=2)
+        if "stages" in options.save and len(estimate.stages) > 1:
+            np.save(temporary / "stages.npy", np.asarray(estimate.stages, np.float32))
+        content = summary(estimate, light_field, metrics, notes, command)
+        text = json.dumps(content, indent=2)
         (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
@@ -213,6 +231,11 @@ def _write_maps(estimate: Estimate, light_field: LightField, folder: Path) -> No
     write_pfm(folder / "disparity.pfm", disparity)
     np.save(folder / "disparity.npy", disparity)
     np.save(folder / "confidence.npy", np.asarray(estimate.confidence, np.float32))
+    deviation = np.asarray(estimate.standard_deviation, np.float32)
+    np.save(folder / "standard_deviation.npy", deviation)
+    save_picture(view_picture(light_field.centre), folder / "centre.png")
+    if light_field.ground_truth is not None:
+        np.save(folder / "ground_truth.npy", np.asarray(light_field.ground_truth, np.float32))
     if light_field.calibration is not None:
         content = Map(estimate.disparity, "disparity")
         depth = convert_map(content, "depth", light_field.calibration).values

@@ -19,6 +19,7 @@
                               threshold, written as a string, to a percentage
 ``seconds``                   object from each phase (load, compile, run) to its wall-clock time
 ``peak_memory_mb``            number, largest memory of the process so far, 10^6 bytes
+``command``                   string or null, the command line
 ``versions``                  {occjax, jax, numpy, python}, strings
 ``notes``                     list of sentences for the user
 ============================  ==================================================================
@@ -48,7 +49,11 @@ SUMMARY = "summary.json"
 
 
 def summary(
-    estimate: Estimate, light_field: LightField, metrics: Metrics | None, notes: tuple[str, ...]
+    estimate: Estimate,
+    light_field: LightField,
+    metrics: Metrics | None,
+    notes: tuple[str, ...],
+    command: str | None = None,
 ) -> dict[str, Any]:
     """Return the content of ``summary.json``; see the table at the top of this module.
 
@@ -57,6 +62,7 @@ def summary(
         light_field: The light field that was estimated.
         metrics: Comparison with the ground truth, if there is one.
         notes: Sentences for the user.
+        command: The command line, if there is one.
     """
     return {
         "scene": light_field.name,
@@ -72,6 +78,7 @@ def summary(
         "metrics": None if metrics is None else metrics.as_dict(),
         "seconds": {phase: round(float(time), 3) for phase, time in estimate.seconds.items()},
         "peak_memory_mb": round(peak_memory_bytes() / 1e6, 1),
+        "command": command,
         "versions": {
             "occjax": metadata.version("occjax"),
             "jax": metadata.version("jax"),
@@ -82,27 +89,50 @@ def summary(
     }
 
 
-def read_calibration(path: Path) -> Calibration | None:
-    """Read the camera of the light field that was estimated.
+def read_summary(path: Path) -> dict[str, Any]:
+    """Read the summary of an estimate.
 
     Args:
         path: A ``summary.json``.
 
     Returns:
-        The camera; None if it was unknown.
+        Its content; see the table at the top of this module.
 
     Raises:
         InputError: If the file is not a summary.
     """
     what, remedy = "a summary of results", "estimate again, or remove it"
     with decoding(path, what, remedy=remedy, max_bytes=2**24) as file:
-        stored = json.load(file).get("calibration")
-        if stored is None:
-            return None
-        camera = {name: float("inf" if value is None else value) for name, value in stored.items()}
-        if not all(value > 0.0 for value in camera.values()):
-            raise ValueError("the camera has a parameter that is not positive")
-        return Calibration(**camera)
+        content = json.load(file)
+        missing = _REQUIRED - content.keys()
+        if missing:
+            raise ValueError(f"it has no {min(missing)}")
+        stored_calibration(content)  # an error here names the file
+        return content
+
+
+_REQUIRED = {
+    *("scene", "source", "grid", "image_size", "calibration", "model", "weights"),
+    *("searched_disparity_range", "seconds", "versions", "notes"),
+}
+
+
+def stored_calibration(summary: dict[str, Any]) -> Calibration | None:
+    """Return the camera of the light field that was estimated; None if it was unknown.
+
+    Args:
+        summary: From :func:`read_summary`.
+
+    Raises:
+        ValueError: If a parameter of the camera is not positive.
+    """
+    stored = summary["calibration"]
+    if stored is None:
+        return None
+    camera = {name: float("inf" if value is None else value) for name, value in stored.items()}
+    if not all(value > 0.0 for value in camera.values()):
+        raise ValueError("the camera has a parameter that is not positive")
+    return Calibration(**camera)
 
 
 def _calibration(calibration: Calibration | None) -> dict[str, float | None] | None:

@@ -12,4 +12,5 @@ from .pictures import (
     disparity_picture as disparity_picture,
     error_picture as error_picture,
     save_picture as save_picture,
+    view_picture as view_picture,
 )

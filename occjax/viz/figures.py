@@ -26,6 +26,7 @@ from occjax.viz.pictures import error_picture, error_scale
 
 DISPARITY_LABEL = "disparity [pixels per view step]"
 DEPTH_LABEL = "depth [metres]"
+CONFIDENCE_LABEL = "confidence (1: certain)"
 ERROR_LABEL = "estimate - ground truth [pixels per view step]"
 
 CENTRE_VIEW = "#f2b632"
@@ -98,8 +99,8 @@ def confidence_figure(confidence: np.ndarray) -> Figure:
         >>> confidence_figure(np.full((8, 8), 0.9)).axes[1].get_ylabel()
         'confidence (1: certain)'
     """
-    norm, label = Normalize(0.0, 1.0), "confidence (1: certain)"
-    return _map_figure("Confidence", confidence, norm, confidence_colours(), label)
+    norm = Normalize(0.0, 1.0)
+    return _map_figure("Confidence", confidence, norm, confidence_colours(), CONFIDENCE_LABEL)
 
 
 def error_figure(

@@ -13,6 +13,7 @@ from PIL import Image
 
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io.atomic import atomic_path
+from occjax.lightfield import to_unit_float
 from occjax.viz.colour import (
     MISSING,
     confidence_colours,
@@ -20,6 +21,23 @@ from occjax.viz.colour import (
     disparity_limits,
     error_colours,
 )
+
+
+def view_picture(view: np.ndarray) -> np.ndarray:
+    """Return a view in 8 bits and three channels.
+
+    Args:
+        view: ``[H, W, C]`` as stored in a light field.
+
+    Returns:
+        ``[H, W, 3]`` uint8 RGB.
+
+    Example:
+        >>> view_picture(np.array([[[0.0], [1.0]]])).tolist()
+        [[[0, 0, 0], [255, 255, 255]]]
+    """
+    levels = np.floor(np.clip(to_unit_float(view), 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    return np.ascontiguousarray(np.broadcast_to(levels, (*view.shape[:2], 3)))
 
 
 def disparity_picture(

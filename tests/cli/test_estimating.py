@@ -37,6 +37,7 @@ def test_estimate_writes_maps_and_reports_their_accuracy(run, scene, tmp_path):
     assert {path.name for path in (tmp_path / "out/scene").iterdir()} == {
         *("disparity.pfm", "disparity.npy", "confidence.npy", "disparity_picture.png"),
         *("confidence.png", "error.png", "points.ply", "summary.json", "depth.npy"),
+        *("standard_deviation.npy", "ground_truth.npy", "centre.png"),
     }
     # Parallel cameras: depth = f b / d, with f = 50 / 40 of 40 pixels and b = 20 mm.
     depth = np.load(tmp_path / "out/scene/depth.npy")
@@ -140,10 +141,10 @@ def test_failing_scenes_do_not_stop_the_others(run, scene, write_scene, tmp_path
     (tmp_path / "broken").mkdir()
     copy, write = write_scene(tmp_path / "copy"), scenes.write_outputs
 
-    def fail_on_copy(estimate, light_field, folder, options):
+    def fail_on_copy(estimate, light_field, folder, options, **command):
         if folder.name == "copy":
             raise RuntimeError("out of luck")
-        return write(estimate, light_field, folder, options)
+        return write(estimate, light_field, folder, options, **command)
 
     monkeypatch.setattr(scenes, "write_outputs", fail_on_copy)
     code, out, err = run(

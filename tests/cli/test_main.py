@@ -51,7 +51,7 @@ def test_version_is_printed(run):
 def test_help_lists_all_commands(run):
     code, out, _ = run("--help")
     assert code == 0
-    for command in ("estimate", "demo", "check", "evaluate", "convert", "weights", "pool", "train"):
+    for command in COMMANDS:
         assert f"• {command} " in out
 
 
@@ -59,7 +59,7 @@ def test_help_lists_all_commands(run):
     ("arguments", "message"),
     [
         (("estimat", "scene"), "estimat is not a command; did you mean 'estimate'?"),
-        (("scene.npz",), "the commands are estimate, demo, check"),
+        (("scene.npz",), "the commands are estimate, demo, refocus"),
         (("estimate", "absent", "-o", "out"), "absent"),
         (("estimate", "-o", "out"), "pass at least one scene"),
         (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),

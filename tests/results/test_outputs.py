@@ -17,7 +17,10 @@ from tests.results.test_conversion import CAMERA, HEIGHT, WIDTH
 
 RANDOM = np.random.default_rng(0)
 TRUTH = np.linspace(-1.0, 1.5, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
-OPTIONAL = {"depth.npy", "error.png", "occlusion.npy", "occlusion.png"}
+OPTIONAL = {
+    *("depth.npy", "error.png", "ground_truth.npy"),
+    *("occlusion.npy", "occlusion.png", "stages.npy"),
+}
 EVERYTHING = output_options("all", None)
 
 
@@ -51,7 +54,8 @@ def test_a_calibrated_scene_with_truth_gets_every_file(tmp_path):
     disparity = TRUTH + np.float32(0.05)
     disparity[0, 0] = np.nan
     scene = light_field(calibration=CAMERA, ground_truth=TRUTH)
-    outputs = write_outputs(estimate(disparity=disparity), scene, tmp_path / "ramp", EVERYTHING)
+    given = estimate(disparity=disparity, stages=(TRUTH, disparity))
+    outputs = write_outputs(given, scene, tmp_path / "ramp", EVERYTHING)
     assert tuple(path.name for path in outputs.paths) == FILES
     assert set((tmp_path / "ramp").iterdir()) == set(outputs.paths)
     np.testing.assert_array_equal(np.load(tmp_path / "ramp/disparity.npy"), disparity)
@@ -173,6 +177,53 @@ def test_uncertain_points_and_those_between_two_surfaces_are_left_out_on_request
         write_outputs(given, scene, tmp_path, options)
         vertices, _ = read_vertices(tmp_path / "points.ply")
         assert len(vertices) == HEIGHT * WIDTH - left_out
+
+
+def test_an_estimate_is_the_same_after_saving_and_loading(tmp_path):
+    scene = light_field(calibration=CAMERA, ground_truth=TRUTH)
+    disparity = TRUTH + RANDOM.random(TRUTH.shape, np.float32)
+    disparity[0, 0] = np.nan
+    saved = estimate(disparity=disparity, stages=(TRUTH, disparity), light_field=scene)
+    saved.save(tmp_path, what="all")
+    loaded = Estimate.load(tmp_path)
+    for name in ("disparity", "confidence", "standard_deviation", "stages"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(saved, name))
+    np.testing.assert_array_equal(loaded.coarse, TRUTH)
+    np.testing.assert_allclose(loaded.occlusion, saved.occlusion, atol=5e-4)  # half precision
+    for name in ("disparity_range", "model", "weights", "notes"):
+        assert getattr(loaded, name) == getattr(saved, name)
+    stored = loaded.light_field
+    assert (stored.name, stored.grid, stored.calibration) == ("ramp", (3, 3), CAMERA)
+    np.testing.assert_array_equal(stored.ground_truth, TRUTH)
+    np.testing.assert_array_equal(stored.centre, scene.centre)
+    assert stored.usable.sum() == 1
+
+    loaded.save(tmp_path / "again", what="all")
+    before, after = contents(tmp_path), contents(tmp_path / "again")
+    for files in (before, after):
+        files.pop("again", None)
+        del files["summary.json"], files["occlusion.png"]  # peak memory; half precision
+    assert before == after
+
+    assert Estimate.load(tmp_path, light_field=scene).light_field is scene
+    with pytest.raises(InputError, match="pass the light field that was estimated"):
+        Estimate.load(tmp_path, light_field=LightField(np.zeros((3, 3, 5, 5), np.uint8)))
+
+
+def test_a_folder_of_an_older_version_is_loaded_and_others_are_refused(tmp_path):
+    write_outputs(estimate(), light_field(), tmp_path)
+    for name in ("centre.png", "standard_deviation.npy"):
+        (tmp_path / name).unlink()
+    loaded = Estimate.load(tmp_path)
+    assert loaded.light_field is None
+    assert np.isnan(loaded.standard_deviation).all()
+    with pytest.raises(InputError, match="has no light field"):
+        loaded.save(tmp_path)
+    (tmp_path / "summary.json").write_text("{}")
+    with pytest.raises(InputError, match=r"summary\.json: cannot be decoded"):
+        Estimate.load(tmp_path)
+    with pytest.raises(InputError, match="not a folder of results"):
+        Estimate.load(tmp_path / "..")
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.5, float("nan")])

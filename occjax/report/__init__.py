@@ -1,0 +1,1 @@
+"""Report on estimates as one HTML file, which needs no server and no network."""

@@ -1,0 +1,97 @@
+"""Reading of the folder of files that an estimate was written to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occjax.errors import InputError
+from occjax.estimators.protocol import Estimate
+from occjax.io.arrays import read_npy
+from occjax.io.images import read_image
+from occjax.io.maps import read_map
+from occjax.lightfield import LightField, centre_index
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+
+
+def read_estimate(folder: str | Path, light_field: LightField | None = None) -> Estimate:
+    """Read an estimate; see :meth:`occjax.estimators.Estimate.load`.
+
+    Args:
+        folder: Folder that :func:`occjax.results.outputs.write_outputs` has written, with the group
+            ``maps``.
+        light_field: The light field that was estimated, if you have it.
+
+    Returns:
+        The estimate.
+
+    Raises:
+        InputError: If the folder has no disparity map or no summary, a file is damaged, or the
+            light field has another size.
+    """
+    folder = Path(folder)
+    disparity = read_map(folder).values
+    summary = read_summary(folder / SUMMARY)
+
+    def optional(name: str, shape: tuple[int, ...] = disparity.shape) -> np.ndarray | None:
+        path = folder / name
+        if not path.is_file():
+            return None
+        array = read_npy(path)
+        if array.shape[-len(shape) :] != shape:
+            raise InputError(
+                f"{path}: is {list(array.shape)} but disparity.pfm is {list(shape)}; estimate again"
+            )
+        return array.astype(np.float32)
+
+    deviation, confidence = optional("standard_deviation.npy"), optional("confidence.npy")
+    unknown = np.full_like(disparity, np.nan)
+    stages = optional("stages.npy")
+    if light_field is None:
+        light_field = _stored_light_field(folder, summary, optional("ground_truth.npy"))
+    elif light_field.image_size != disparity.shape:
+        raise InputError(
+            f"{folder}: has a map of {list(disparity.shape)} pixels, but the views of "
+            f"{light_field.name} are {list(light_field.image_size)}; pass the light field that was "
+            "estimated"
+        )
+    return Estimate(
+        disparity=disparity,
+        confidence=unknown if confidence is None else confidence,
+        standard_deviation=unknown if deviation is None else deviation,
+        disparity_range=tuple(summary["searched_disparity_range"]),
+        model=summary["model"],
+        weights=summary["weights"],
+        coarse=None if stages is None else stages[0],
+        stages=() if stages is None else tuple(stages),
+        occlusion=optional("occlusion.npy"),
+        notes=tuple(summary["notes"]),
+        seconds=summary["seconds"],
+        light_field=light_field,
+    )
+
+
+def _stored_light_field(
+    folder: Path, summary: dict[str, Any], ground_truth: np.ndarray | None
+) -> LightField | None:
+    """Return the stored part of the light field, which older folders do not have.
+
+    Only the centre view is usable. The memory of the others is never touched, so it is not used.
+    """
+    if not (folder / "centre.png").is_file():
+        return None
+    grid, image_size = tuple(summary["grid"]), tuple(summary["image_size"])
+    views = np.zeros((*grid, *image_size, 3), np.uint8)
+    views[centre_index(grid)] = read_image(folder / "centre.png")
+    usable = np.zeros(grid, bool)
+    usable[centre_index(grid)] = True
+    return LightField(
+        views,
+        name=summary["scene"],
+        calibration=stored_calibration(summary),
+        ground_truth=ground_truth,
+        usable=usable,
+        source=None if summary["source"] is None else Path(summary["source"]),
+    )
