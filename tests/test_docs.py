@@ -35,3 +35,9 @@ def test_the_camera_is_found_from_two_known_distances():
         camera.disparity(depths, (300, 400)), depths, camera.focal_length_pixels((300, 400))
     )
     np.testing.assert_allclose(measured, (3.0, 0.7))
+
+
+def test_every_page_is_in_the_navigation_of_the_site():
+    navigation = (DOCS.parent / "mkdocs.yml").read_text("utf-8").partition("\nnav:")[2]
+    listed = set(re.findall(r"[\w/-]+\.md", navigation))
+    assert listed == {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
