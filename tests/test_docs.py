@@ -45,3 +45,9 @@ def test_refocusing_examples_run_in_their_order():
     inside = np.s_[8:-8, 8:-8]
     centre = variables["views"][1, 1]
     assert np.abs(variables["sharp"] - centre)[inside].mean() < 0.02
+
+
+def test_every_page_is_in_the_navigation_of_the_site():
+    navigation = (DOCS.parent / "mkdocs.yml").read_text("utf-8").partition("\nnav:")[2]
+    listed = set(re.findall(r"[\w/-]+\.md", navigation))
+    assert listed == {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}

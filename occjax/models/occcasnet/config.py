@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from occjax.errors import check_one_of
 
@@ -149,7 +149,7 @@ class OccCasNetConfig:
                 "stages that share an aggregation must agree in width, depth, attention and volume"
             )
 
-    def with_stages(self, **changes) -> OccCasNetConfig:
+    def with_stages(self, **changes: Any) -> OccCasNetConfig:
         """Return the same network with fields of every stage replaced.
 
         Args:
