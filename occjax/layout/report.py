@@ -154,7 +154,7 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     report, rejected = _registered_report(light_field, measured, config)
     moved = 0.0 if report.registration is None else report.registration.moved.mean()
     orderly = moved <= config.max_moved_fraction and not rejected
-    if report.conclusive and not report.clearly_worse and orderly:
+    if (report.conclusive and not report.clearly_worse and orderly) or not report.measured_fraction:
         return report
 
     def score(views: LightField) -> float:
