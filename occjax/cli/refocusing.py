@@ -62,7 +62,7 @@ def refocus_command(
         Annotated[
             bool,
             arg(
-                help="Focus on every pixel, by the disparity map: the centre view with less noise.",
+                help="Make everything sharp: the centre view with less noise, by disparity.",
                 help_behavior_hint="",
             ),
         ]
