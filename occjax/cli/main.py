@@ -33,6 +33,7 @@ COMMANDS = {
     "demo": Command(
         "estimating", "demo_command", "Estimate the bundled sample and compare with the truth."
     ),
+    "view": Command("viewing", "view_command", "Look at results in the browser."),
     "check": Command(
         "measuring", "check_command", "Measure the order of the views and the disparity range."
     ),

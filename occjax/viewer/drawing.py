@@ -1,0 +1,105 @@
+"""Pictures of one pixel for the panels: enlarged, with lines and frames drawn in."""
+
+from __future__ import annotations
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from occjax.lightfield import centre_index
+from occjax.viewer.pixel import EpipolarImage
+from occjax.viewer.scene import displayed
+
+MARK = (255, 64, 160)
+"""Colour of what belongs to the picked pixel: cross, slope line."""
+
+OCCLUDED = (235, 60, 40)
+"""Colour of the crosses through occluded views."""
+
+CENTRE = (242, 182, 50)
+"""Colour of the frame around the centre view."""
+
+OUTSIDE = 0.35
+"""Grey level of what lies outside the image."""
+
+
+def with_cross(image: np.ndarray, y: float, x: float) -> np.ndarray:
+    """Return an image ``[H, W, 3]`` uint8 with a cross around a pixel.
+
+    Args:
+        image: ``[H, W, 3]`` uint8.
+        y: Row, in pixels; the cross may lie outside the image.
+        x: Column, in pixels.
+    """
+    drawn = Image.fromarray(np.ascontiguousarray(image))
+    draw = ImageDraw.Draw(drawn)
+    near, far = (max(2, round(max(image.shape) * share)) for share in (0.008, 0.035))
+    width = max(1, round(max(image.shape) / 220))
+    for colour, extra in (((0, 0, 0), 2), (MARK, 0)):
+        for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            begin, end = near - extra / 2, far + extra / 2
+            draw.line(
+                (x + dx * begin, y + dy * begin, x + dx * end, y + dy * end),
+                fill=colour,
+                width=width + extra,
+            )
+    return np.asarray(drawn)
+
+
+def epipolar_picture(
+    epi: EpipolarImage, picked: int, disparity: float, *, width: int = 640
+) -> np.ndarray:
+    """Return an enlarged epipolar plane image with the slope of the disparity drawn in.
+
+    Args:
+        epi: The epipolar plane image.
+        picked: Row or column of the picked pixel in the centre view.
+        disparity: Its disparity, pixels per view step; NaN for no line.
+        width: Approximate width of the picture, in pixels.
+
+    Returns:
+        ``[height, width, 3]`` uint8; one line of pixels per view, in the order of the views.
+    """
+    count, length = epi.pixels.shape[:2]
+    zoom = max(2, width // length)
+    row = max(8, min(36, width // 3 // count))
+    pixels = displayed(np.where(np.isnan(epi.pixels), OUTSIDE, epi.pixels))
+    drawn = Image.fromarray(np.repeat(np.repeat(pixels, row, axis=0), zoom, axis=1))
+    if not np.isfinite(disparity):
+        return np.asarray(drawn)
+    # The line continues to the upper and the lower edge of the picture.
+    at = np.arange(count)
+    ends = np.interp([-0.5, count - 0.5], at, epi.offsets) if count > 1 else epi.offsets[[0, 0]]
+    offsets = np.concatenate([ends[:1], epi.offsets, ends[1:]])
+    y = np.concatenate([[0.0], (at + 0.5) * row, [count * row]])
+    x = (picked - disparity * offsets - epi.first + 0.5) * zoom
+    line = [(float(px), float(py)) for px, py in zip(x, y, strict=True)]
+    draw = ImageDraw.Draw(drawn)
+    draw.line(line, fill=(0, 0, 0), width=5)
+    draw.line(line, fill=MARK, width=3)
+    return np.asarray(drawn)
+
+
+def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 360) -> np.ndarray:
+    """Return an enlarged angular patch: occluded views are crossed out, the centre view framed.
+
+    Args:
+        patch: ``[V, U, C]`` float32 colour of the point in each view.
+        occluded: ``[V, U]`` booleans.
+        width: Approximate length of the longer side, in pixels.
+
+    Returns:
+        ``[height, width, 3]`` uint8.
+    """
+    tile = max(8, width // max(occluded.shape))
+    colours = displayed(patch)
+    drawn = Image.fromarray(np.repeat(np.repeat(colours, tile, axis=0), tile, axis=1))
+    draw = ImageDraw.Draw(drawn)
+    for v, u in np.argwhere(occluded):
+        box = [u * tile + 4, v * tile + 4, (u + 1) * tile - 5, (v + 1) * tile - 5]
+        for ends in (box, [box[0], box[3], box[2], box[1]]):
+            draw.line(ends, fill=(255, 255, 255), width=5)
+            draw.line(ends, fill=OCCLUDED, width=3)
+    v, u = centre_index(occluded.shape)
+    frame = (u * tile, v * tile, (u + 1) * tile - 1, (v + 1) * tile - 1)
+    draw.rectangle(frame, outline=CENTRE, width=3)
+    return np.asarray(drawn)

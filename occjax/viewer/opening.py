@@ -1,0 +1,209 @@
+"""From folders of results, or estimates in memory, to an open viewer."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import webbrowser
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from occjax.errors import InputError
+from occjax.estimators.protocol import Estimate
+from occjax.io.loading import load
+from occjax.layout import registered
+from occjax.lightfield import LightField
+from occjax.results.reading import StoredResult, read_result
+from occjax.viewer.config import LOOPBACK, ViewerConfig
+from occjax.viewer.scene import ViewedResult, ViewedScene
+
+if TYPE_CHECKING:
+    from occjax.viewer.server import Viewer
+
+
+def open_viewer(
+    scene: ViewedScene,
+    *,
+    host: str = LOOPBACK,
+    port: int | None = None,
+    open_browser: bool = True,
+    config: ViewerConfig | None = None,
+) -> Viewer:
+    """Open a page in the browser that shows a scene and its estimates.
+
+    Args:
+        scene: What is shown.
+        host: Address to listen at; by default only this computer can reach the page.
+        port: Port to listen at; None for a free one.
+        open_browser: Whether to open the page in the user's browser, if there is a display.
+        config: Settings.
+
+    Returns:
+        The viewer. It runs in the background until it is closed; ``wait()`` waits for that, and
+        ``with`` closes it at the end.
+
+    Raises:
+        InputError: If viser is missing or the port is taken.
+
+    Example:
+        >>> scene = ViewedScene((ViewedResult("plane", np.zeros((8, 8))),))
+        >>> with open_viewer(scene, open_browser=False) as viewer:
+        ...     viewer.url.startswith("http://127.0.0.1:")
+        True
+    """
+    check_viser()
+    from occjax.viewer.server import Viewer
+
+    viewer = Viewer(scene, host=host, port=port, config=config)
+    if open_browser and _has_display():
+        webbrowser.open(viewer.url)
+    return viewer
+
+
+def check_viser() -> None:
+    """Raise an :class:`InputError` if viser, which makes the page, is missing."""
+    if importlib.util.find_spec("viser") is None:
+        raise InputError("the viewer needs viser; run pip install 'occjax[view]'")
+
+
+def read_scene(folders: Sequence[str | Path], light_field: LightField | None = None) -> ViewedScene:
+    """Read results of one scene, and its views if they are found.
+
+    Args:
+        folders: Folders of results, or disparity maps. A folder with one folder of results in it
+            stands for that.
+        light_field: The views. By default they are read from where the results say that they came
+            from, if they are still there.
+
+    Returns:
+        The scene.
+
+    Raises:
+        InputError: If a result cannot be read, or results and views do not belong together.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "disparity.npy"
+        >>> np.save(path, np.zeros((4, 5), np.float32))
+        >>> read_scene([path]).image_size
+        (4, 5)
+    """
+    paths = [_result_folder(Path(folder)) for folder in folders]
+    if not paths:
+        raise InputError("pass at least one folder that occjax estimate wrote")
+    stored = [read_result(path) for path in paths]
+    light_field = _views_of(stored[0]) if light_field is None else registered(light_field)[0]
+    results = tuple(
+        ViewedResult(
+            name,
+            result.disparity,
+            result.confidence,
+            result.occlusion,
+            _searched_range(result.summary),
+        )
+        for name, result in zip(short_names(paths), stored, strict=True)
+    )
+    named = stored[0].summary.get("scene") or (light_field.name if light_field else paths[0].name)
+    return ViewedScene(results, light_field, named, stored[0].calibration)
+
+
+def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = None) -> ViewedScene:
+    """Return the scene of estimates in memory.
+
+    Args:
+        estimates: Estimates of one light field.
+        light_field: The light field, if its views are to be shown.
+    """
+    names = [estimate.weights or estimate.model for estimate in estimates]
+    results = tuple(
+        ViewedResult(
+            name if names.count(name) == 1 else f"{name} ({index + 1})",
+            estimate.disparity,
+            estimate.confidence,
+            estimate.occlusion,
+            estimate.disparity_range,
+        )
+        for index, (name, estimate) in enumerate(zip(names, estimates, strict=True))
+    )
+    if light_field is None:
+        return ViewedScene(results)
+    return ViewedScene(results, registered(light_field)[0], light_field.name)
+
+
+def short_names(paths: Sequence[Path]) -> list[str]:
+    """Return the parts of paths in which they differ.
+
+    Example:
+        >>> short_names([Path("a/photometric/sample"), Path("a/proposal/sample")])
+        ['photometric', 'proposal']
+    """
+    parts = [path.resolve().parts for path in paths]
+    while len({own[0] for own in parts}) == 1 and min(map(len, parts)) > 1:
+        parts = [own[1:] for own in parts]
+    while len({own[-1] for own in parts}) == 1 and min(map(len, parts)) > 1:
+        parts = [own[:-1] for own in parts]
+    names = [str(Path(*own)) for own in parts]
+    return [
+        name if names.count(name) == 1 else f"{name} ({index + 1})"
+        for index, name in enumerate(names)
+    ]
+
+
+def _result_folder(path: Path) -> Path:
+    """Return a folder of results, or the only one in the folder that is named."""
+    if not path.is_dir() or any((path / f"disparity.{kind}").is_file() for kind in ("npy", "pfm")):
+        return path
+    inside = sorted(file.parent for file in path.glob("*/disparity.[np][pf][ym]"))
+    inside = list(dict.fromkeys(inside))
+    if len(inside) == 1:
+        return inside[0]
+    if inside:
+        names = ", ".join(folder.name for folder in inside[:5])
+        raise InputError(
+            f"{path}: contains the results of {len(inside)} scenes ({names}"
+            f"{', ...' if len(inside) > 5 else ''}); pass one of them, such as {inside[0]}"
+        )
+    raise InputError(
+        f"{path}: contains no disparity.npy or disparity.pfm; pass a folder that occjax estimate "
+        "wrote"
+    )
+
+
+def _views_of(stored: StoredResult) -> LightField | None:
+    """Read the views that were estimated, if they are still where they were."""
+    summary: Mapping = stored.summary
+    source, grid = summary.get("source"), summary.get("grid")
+    if source is None and summary.get("scene") == "sample":
+        from occjax.data.bundled_sample import sample
+
+        light_field = sample()
+    elif source is None:
+        return None
+    else:
+        try:
+            light_field = load(source)
+        except InputError as error:
+            print(
+                f"occjax: the views are not shown: {error}; --scene and its options name them",
+                file=sys.stderr,
+            )
+            return None
+    if light_field.image_size != stored.disparity.shape:
+        return None
+    if grid is not None and tuple(grid) != light_field.grid:
+        light_field = light_field.central(*grid)  # the estimate used only these views
+    return registered(light_field)[0]
+
+
+def _searched_range(summary: Mapping) -> tuple[float, float] | None:
+    searched = summary.get("searched_disparity_range")
+    return None if searched is None else (float(searched[0]), float(searched[1]))
+
+
+def _has_display() -> bool:
+    """Return whether a browser with graphics can open on this computer."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
