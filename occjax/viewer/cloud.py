@@ -99,12 +99,12 @@ def first_camera(points: np.ndarray, calibration: Calibration | None) -> Camera:
     side = float(max(height, width))
     if calibration is None:
         distance = 1.6 * side
-        return Camera(np.array([0.0, 0.0, distance]), np.zeros(3), 2 * math.atan(0.55 / 1.6))
+        return Camera(np.array([0.0, 0.0, distance]), np.zeros(3), 2 * math.atan(0.65 / 1.6))
     depth = -points[..., 2]
     known = depth[np.isfinite(depth)]
     distance = float(np.median(known)) if known.size else 1.0
     focal_length = calibration.focal_length_pixels((height, width))
-    angle = 2 * math.atan(0.55 * side / focal_length)
+    angle = 2 * math.atan(0.65 * side / focal_length)
     return Camera(np.zeros(3), np.array([0.0, 0.0, -distance]), angle)
 
 

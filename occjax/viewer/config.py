@@ -21,7 +21,8 @@ class ViewerConfig:
         cost_radius_px: Radius of the window over which the matching cost is averaged, in pixels.
         epi_radius_px: Number of pixels shown on each side of the picked pixel in an epipolar plane
             image.
-        preview_views: Number of views, at most, that are averaged while a refocus slider moves.
+        frame_seconds: Time for one refocused image while a slider moves; it determines how many
+            views are averaged.
         rest_seconds: Time after which a slider counts as at rest; then all views are averaged.
         blink_seconds: Time for which each result is shown while the results blink.
     """
@@ -32,6 +33,6 @@ class ViewerConfig:
     cost_candidates: int = 129
     cost_radius_px: int = 2
     epi_radius_px: int = 40
-    preview_views: int = 25
+    frame_seconds: float = 0.07
     rest_seconds: float = 0.25
     blink_seconds: float = 0.7

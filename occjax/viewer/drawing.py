@@ -22,26 +22,43 @@ OUTSIDE = 0.35
 """Grey level of what lies outside the image."""
 
 
-def with_cross(image: np.ndarray, y: float, x: float) -> np.ndarray:
-    """Return an image ``[H, W, 3]`` uint8 with a cross around a pixel.
+def enlarged(image: np.ndarray, *, width: int = 400) -> np.ndarray:
+    """Return a small image enlarged by a whole number, until it is at least so wide.
 
     Args:
         image: ``[H, W, 3]`` uint8.
-        y: Row, in pixels; the cross may lie outside the image.
-        x: Column, in pixels.
+        width: Width of a panel, in pixels.
+
+    Example:
+        >>> enlarged(np.zeros((2, 3, 3), np.uint8), width=8).shape
+        (6, 9, 3)
     """
-    drawn = Image.fromarray(np.ascontiguousarray(image))
+    zoom = -(-width // image.shape[1])
+    return np.repeat(np.repeat(image, zoom, axis=0), zoom, axis=1)
+
+
+def with_cross(image: np.ndarray, y: float, x: float) -> np.ndarray:
+    """Return an enlarged image with a cross around a pixel.
+
+    Args:
+        image: ``[H, W, 3]`` uint8.
+        y: Row in the image, in pixels; the cross may lie outside the image.
+        x: Column in the image, in pixels.
+
+    Returns:
+        ``[H * zoom, W * zoom, 3]`` uint8, see :func:`enlarged`.
+    """
+    large = enlarged(image)
+    zoom = large.shape[1] // image.shape[1]
+    y, x = (y + 0.5) * zoom, (x + 0.5) * zoom
+    drawn = Image.fromarray(large)
     draw = ImageDraw.Draw(drawn)
-    near, far = (max(2, round(max(image.shape) * share)) for share in (0.008, 0.035))
-    width = max(1, round(max(image.shape) / 220))
-    for colour, extra in (((0, 0, 0), 2), (MARK, 0)):
+    unit = max(1.0, large.shape[1] / 400)
+    for colour, extra in (((0, 0, 0), 1.0), (MARK, 0.0)):
         for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-            begin, end = near - extra / 2, far + extra / 2
-            draw.line(
-                (x + dx * begin, y + dy * begin, x + dx * end, y + dy * end),
-                fill=colour,
-                width=width + extra,
-            )
+            begin, end = (4 - extra) * unit, (14 + extra) * unit
+            ends = (x + dx * begin, y + dy * begin, x + dx * end, y + dy * end)
+            draw.line(ends, fill=colour, width=round((3 + 2 * extra) * unit))
     return np.asarray(drawn)
 
 
@@ -63,20 +80,22 @@ def epipolar_picture(
     zoom = max(2, width // length)
     row = max(8, min(36, width // 3 // count))
     pixels = displayed(np.where(np.isnan(epi.pixels), OUTSIDE, epi.pixels))
-    drawn = Image.fromarray(np.repeat(np.repeat(pixels, row, axis=0), zoom, axis=1))
+    picture = np.repeat(np.repeat(pixels, row, axis=0), zoom, axis=1)
     if not np.isfinite(disparity):
-        return np.asarray(drawn)
+        return picture
     # The line continues to the upper and the lower edge of the picture.
     at = np.arange(count)
     ends = np.interp([-0.5, count - 0.5], at, epi.offsets) if count > 1 else epi.offsets[[0, 0]]
     offsets = np.concatenate([ends[:1], epi.offsets, ends[1:]])
     y = np.concatenate([[0.0], (at + 0.5) * row, [count * row]])
     x = (picked - disparity * offsets - epi.first + 0.5) * zoom
-    line = [(float(px), float(py)) for px, py in zip(x, y, strict=True)]
-    draw = ImageDraw.Draw(drawn)
-    draw.line(line, fill=(0, 0, 0), width=5)
-    draw.line(line, fill=MARK, width=3)
-    return np.asarray(drawn)
+    # Drawn three times as large and reduced, so that the line is smooth.
+    large = Image.fromarray(picture).resize((3 * length * zoom, 3 * count * row), Image.NEAREST)
+    line = [(3.0 * float(px), 3.0 * float(py)) for px, py in zip(x, y, strict=True)]
+    draw = ImageDraw.Draw(large)
+    for colour, thickness in (((0, 0, 0), 16), (MARK, 10)):
+        draw.line(line, fill=colour, width=thickness, joint="curve")
+    return np.asarray(large.reduce(3))
 
 
 def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 360) -> np.ndarray:

@@ -13,12 +13,11 @@ from matplotlib.colors import to_hex
 from viser import uplot
 
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, compare
-from occjax.io.maps import Map
 from occjax.lightfield import centre_index, project
 from occjax.results.conversion import flying_pixels
 from occjax.viewer import cloud
 from occjax.viewer.config import ViewerConfig
-from occjax.viewer.drawing import epipolar_picture, patch_picture, with_cross
+from occjax.viewer.drawing import enlarged, epipolar_picture, patch_picture, with_cross
 from occjax.viewer.pixel import (
     angular_patch,
     cost_curve,
@@ -277,7 +276,7 @@ class ViewPanel:
         y, x = self.page.selection.pixel
         disparity = self.page.scene.results[self.page.selection.result].disparity[y, x]
         if not np.isfinite(disparity):
-            return image
+            return enlarged(image)
         return with_cross(
             image, *project(y, x, disparity, camera_offsets(self._light_field)[index])
         )
@@ -289,9 +288,9 @@ class RefocusPanel:
     def __init__(self, page: Page) -> None:
         assert page.scene.light_field is not None
         self.page = page
-        self._refocuser = Refocuser(page.scene.light_field, preview_views=page.config.preview_views)
+        self._refocuser = Refocuser(page.scene.light_field, frame_seconds=page.config.frame_seconds)
         low, high = page.scene.disparity_range
-        apertures = self._refocuser.apertures
+        largest = self._refocuser.largest_aperture
         gui = page.server.gui
         gui.add_markdown(
             "Focus after the photo was taken: all views are shifted by the disparity of a plane "
@@ -302,25 +301,30 @@ class RefocusPanel:
             low,
             high,
             (high - low) / 200,
-            0.5 * (low + high),
+            float(np.nanmedian(page.scene.results[0].disparity)),
             hint="Disparity of the plane in focus, in pixels per view step. Larger is nearer.",
         )
         self.aperture = gui.add_slider(
             "Aperture",
             0.0,
-            max(apertures[-1], 1.0),
+            max(largest, 1.0),
             0.5,
-            apertures[-1],
+            largest,
             hint="Distance of the outermost views that are averaged, in view steps. 0 is the "
             "centre view alone, in which everything is sharp.",
         )
         self.at_pixel = gui.add_button(
             "Focus on the picked pixel", hint="Set the focus to the disparity of the picked pixel."
         )
-        self._picture = gui.add_image(page.scene.centre, format="jpeg", jpeg_quality=JPEG_QUALITY)
+        self._picture = gui.add_image(
+            enlarged(displayed(page.scene.light_field.centre)),
+            format="jpeg",
+            jpeg_quality=JPEG_QUALITY,
+        )
         self.frames = 0
         page.when_changed((self.disparity, self.aperture), "refocus", self.show)
         self.at_pixel.on_click(lambda _: self._focus_on_pixel())
+        page.worker.submit("refocus", self.show)  # compiles before the user moves a slider
 
     def show(self) -> None:
         """Show a preview at once, and the image of all views when the sliders rest."""
@@ -338,14 +342,15 @@ class RefocusPanel:
         image = self._refocuser.refocus(
             float(self.disparity.value), float(self.aperture.value), preview=preview
         )
-        self._picture.image = displayed(image)
+        self._picture.image = enlarged(displayed(image))
         self.frames += 1
 
     def _focus_on_pixel(self) -> None:
         disparity = self.page.scene.results[self.page.selection.result].disparity
         value = float(disparity[self.page.selection.pixel])
         if np.isfinite(value):
-            self.disparity.value = float(np.clip(value, self.disparity.min, self.disparity.max))
+            low, high = self.page.scene.disparity_range
+            self.disparity.value = round(float(np.clip(value, low, high)), 3)
 
 
 class PixelPanel:
@@ -358,7 +363,7 @@ class PixelPanel:
         gui.add_markdown("Click a point of the cloud, or type its place in the centre view.")
         self.y = gui.add_number("Row y", y, min=0, max=height - 1, step=1, hint="0 is the top.")
         self.x = gui.add_number("Column x", x, min=0, max=width - 1, step=1, hint="0 is the left.")
-        self._numbers = gui.add_markdown("")
+        self.numbers = gui.add_markdown("")
         self._light_field = page.scene.light_field
         if self._light_field is not None:
             self._add_pictures()
@@ -414,7 +419,7 @@ class PixelPanel:
     def show_pixel(self) -> None:
         """Show numbers and pictures of the picked pixel."""
         y, x = self.page.selection.pixel
-        self._numbers.content = pixel_text(self.page.scene, self.page.selection)
+        self.numbers.content = pixel_text(self.page.scene, self.page.selection)
         if self._light_field is None:
             return
         self._show_epi()
@@ -446,10 +451,9 @@ class PixelPanel:
         candidates = np.linspace(*self.page.scene.disparity_range, config.cost_candidates)
         y, x = self.page.selection.pixel
         curve = cost_curve(self._light_field, y, x, candidates, radius_px=config.cost_radius_px)
-        spike = np.full(candidates.size, np.nan)
+        spike = np.zeros(candidates.size)
         if np.isfinite(disparity):
-            nearest = int(np.argmin(np.abs(candidates - disparity)))
-            spike[nearest] = curve.all_views[nearest]
+            spike[np.argmin(np.abs(candidates - disparity))] = curve.all_views.max()
         self._cost.data = (candidates, curve.all_views, curve.best_part, spike)
 
 
@@ -466,7 +470,7 @@ class ComparisonPanel:
             self.blink = gui.add_checkbox(
                 "Blink", False, hint="Show the results in turn: differences flicker."
             )
-            self.difference = gui.add_markdown(comparison_table(page.scene))
+            self.scores = gui.add_markdown(comparison_table(page.scene))
         self.result.on_update(lambda _: select(names.index(self.result.value)))
 
     def show_result(self) -> None:
@@ -505,9 +509,7 @@ def pixel_text(scene: ViewedScene, selection: Selection) -> str:
     disparity = result.disparity[at]
     rows = [("disparity", f"{disparity:.3f} pixels per view step")]
     if scene.calibration is not None:
-        content = Map(result.disparity[at[0] : at[0] + 1], "disparity")
         depth = scene.calibration.depth(result.disparity, scene.image_size)[at]
-        del content
         rows.append(("depth", f"{depth:.4g} m"))
     if result.confidence is not None:
         rows.append(("confidence", f"{result.confidence[at]:.2f} (1 is certain)"))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import time
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,55 +14,52 @@ from occjax.lightfield import LightField
 from occjax.ops import shift
 from occjax.viewer.scene import camera_offsets
 
+MIN_PREVIEW_VIEWS = 4
+"""Number of views of a preview, at least."""
+
 
 class Refocuser:
-    """Refocuses one light field; its programs are compiled for a fixed number of views.
+    """Refocuses one light field; one program serves every disparity and aperture.
 
     Args:
         light_field: The views.
-        preview_views: Number of views, at most, of a preview.
+        frame_seconds: Time that a preview may take.
     """
 
-    def __init__(self, light_field: LightField, *, preview_views: int = 25) -> None:
-        offsets = camera_offsets(light_field)
+    def __init__(self, light_field: LightField, *, frame_seconds: float) -> None:
         usable = np.ones(light_field.grid, bool)
         if light_field.usable is not None:
             usable = light_field.usable
-        # From the inside to the outside, so that an aperture is a number of leading views.
-        distance = np.abs(offsets).max(axis=-1)
-        order = np.argsort(distance[usable], kind="stable")
-        self.preview_views = preview_views
-        self._distance = distance[usable][order]
-        self._offsets = offsets[usable][order]
-        self._views = jnp.asarray(light_field.views[usable][order])
+        self._offsets = camera_offsets(light_field)[usable].astype(np.float32)
+        self._views = jnp.asarray(light_field.views[usable])
+        self._frame_seconds = frame_seconds
+        self._seconds_per_view = math.inf  # until it has been measured
 
     @property
-    def apertures(self) -> tuple[float, ...]:
-        """Radii of square apertures, in view steps, from one view to all views."""
-        return tuple(float(radius) for radius in np.unique(np.round(self._distance, 3)))
+    def largest_aperture(self) -> float:
+        """Distance of the outermost views from the centre view, in view steps."""
+        return float(np.abs(self._offsets).max())
 
-    def refocus(
-        self, disparity: float, aperture: float, *, preview: bool = False
-    ) -> Float[np.ndarray, "h w c"]:
+    def refocus(self, disparity: float, aperture: float, *, preview: bool = False) -> np.ndarray:
         """Compute the image that a camera with a large aperture would take.
 
         Args:
             disparity: Disparity of the plane in focus, pixels per view step.
-            aperture: Distance of the outermost views from the centre view, in view steps.
-            preview: Whether to average only some of the views, for speed.
+            aperture: Distance of the outermost views from the centre view, in view steps; the
+                aperture is a square.
+            preview: Whether to average only as many views as the time of a preview allows.
 
         Returns:
             ``[H, W, C]`` float32 in [0, 1].
         """
-        chosen = np.flatnonzero(self._distance <= aperture + 1e-3)
-        if preview and chosen.size > self.preview_views:
-            # The outermost views determine the blur; spread the choice over the aperture.
-            chosen = chosen[
-                np.round(np.linspace(0, chosen.size - 1, self.preview_views)).astype(int)
-            ]
-        indices = np.zeros(len(self._views), np.int32)
+        chosen = np.flatnonzero(np.abs(self._offsets).max(-1) <= aperture + 1e-3)
+        if preview:
+            affordable = max(MIN_PREVIEW_VIEWS, int(self._frame_seconds / self._seconds_per_view))
+            chosen = spread(self._offsets, chosen, affordable)
+        indices = np.zeros(len(self._offsets), np.int32)
         indices[: chosen.size] = chosen
-        return np.asarray(
+        begin = time.perf_counter()
+        image = np.asarray(
             _mean_of_shifted(
                 self._views,
                 self._offsets,
@@ -68,6 +68,37 @@ class Refocuser:
                 jnp.float32(disparity),
             )
         )
+        self._seconds_per_view = (time.perf_counter() - begin) / chosen.size
+        return image
+
+
+def spread(offsets: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
+    """Choose views that are spread over the aperture.
+
+    Starting with the view nearest to the centre, each next one is that farthest from all before.
+
+    Args:
+        offsets: ``[N, 2]`` offset of each view from the centre view, in view steps.
+        chosen: ``[K]`` indices to choose from.
+        count: Number of views, at most.
+
+    Returns:
+        ``[min(K, count)]`` indices.
+
+    Example:
+        >>> spread(np.array([[0, -2], [0, -1], [0, 0], [0, 1], [0, 2]]), np.arange(5), 3).tolist()
+        [2, 0, 4]
+    """
+    if chosen.size <= count:
+        return chosen
+    places = offsets[chosen].astype(np.float64)
+    order = [int(np.argmin(np.square(places).sum(-1)))]
+    distance = np.full(chosen.size, np.inf)
+    while len(order) < count:
+        step = np.square(places - places[order[-1]]).sum(-1)
+        distance = np.minimum(distance, step)
+        order.append(int(np.argmax(distance)))
+    return chosen[order]
 
 
 @jax.jit

@@ -84,6 +84,7 @@ class Viewer:
         self.panels.append(self.cloud)
         side = gui.add_panel()
         side.dock_left()
+        side.set_width(400)
         with side.add_tab("Picked pixel", icon=viser.Icon.TARGET):
             self.pixel = PixelPanel(self._page, self.select_pixel)
             self.panels.append(self.pixel)
@@ -128,7 +129,8 @@ class Viewer:
         if self._blinker is not None:
             self._blinker.join()
         self._worker.close()
-        self._server.stop()
+        with _no_output():
+            self._server.stop()
 
     def __enter__(self) -> Viewer:
         return self
@@ -158,6 +160,11 @@ class Viewer:
                 self.select_result((self._selection.result + 1) % len(self._page.scene.results))
 
 
+def _no_output() -> contextlib.AbstractContextManager[object]:
+    """Drop what is printed meanwhile: the server prints its start and its end."""
+    return contextlib.redirect_stdout(io.StringIO())
+
+
 def _start(host: str, port: int | None) -> viser.ViserServer:
     """Start a server at exactly this port, quietly."""
     if port is not None:
@@ -171,7 +178,7 @@ def _start(host: str, port: int | None) -> viser.ViserServer:
                     f"port {port} of {host} cannot be used ({error}); pass another --port, or "
                     "none for a free one"
                 ) from error
-    with contextlib.redirect_stdout(io.StringIO()):
+    with _no_output():
         return viser.ViserServer(host=host, port=port or 0, verbose=False)
 
 

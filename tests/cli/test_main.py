@@ -51,7 +51,17 @@ def test_version_is_printed(run):
 def test_help_lists_all_commands(run):
     code, out, _ = run("--help")
     assert code == 0
-    for command in ("estimate", "demo", "check", "evaluate", "convert", "weights", "pool", "train"):
+    for command in (
+        "estimate",
+        "demo",
+        "view",
+        "check",
+        "evaluate",
+        "convert",
+        "weights",
+        "pool",
+        "train",
+    ):
         assert f"• {command} " in out
 
 
