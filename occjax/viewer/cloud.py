@@ -40,12 +40,14 @@ class Legend(NamedTuple):
     """Meaning of the colours.
 
     Attributes:
-        norm: Range of the values.
+        low: Value of the first colour.
+        high: Value of the last colour.
         colours: Colours of the range.
         label: Quantity and unit.
     """
 
-    norm: Normalize
+    low: float
+    high: float
     colours: Colormap
     label: str
 
@@ -155,30 +157,31 @@ def picture(scene: ViewedScene, result: int, mode: Mode, *, other: int = 0) -> n
         return error_picture(shown.disparity, scene.ground_truth)
     if mode == "difference":
         return error_picture(shown.disparity, scene.results[other].disparity)
-    return coloured(shown.disparity, common_limits(scene), disparity_colours())
+    return coloured(shown.disparity, Normalize(*disparity_ends(scene)), disparity_colours())
 
 
 def legend(scene: ViewedScene, mode: Mode) -> Legend | None:
     """Return the meaning of the colours; None for the image."""
     if mode == "disparity":
         label = "disparity, pixels per view step (yellow is near)"
-        return Legend(common_limits(scene), disparity_colours(), label)
+        return Legend(*disparity_ends(scene), disparity_colours(), label)
     if mode == "confidence":
-        return Legend(Normalize(0.0, 1.0), confidence_colours(), "confidence (1 is certain)")
+        return Legend(0.0, 1.0, confidence_colours(), "confidence (1 is certain)")
     if mode in ("error", "difference"):
-        norm, colours, _ = error_scale()
+        _, colours, ticks = error_scale()
         minus = "ground truth" if mode == "error" else "other result"
-        return Legend(norm, colours, f"disparity minus {minus} (red is too near)")
+        return Legend(ticks[0], ticks[-1], colours, f"disparity minus {minus} (red is too near)")
     return None
 
 
-def common_limits(scene: ViewedScene) -> Normalize:
-    """Return the range of the disparity colours, the same for all results of a scene."""
+def disparity_ends(scene: ViewedScene) -> tuple[float, float]:
+    """Return the ends of the disparity colours, the same for all results of a scene."""
     ranges = [
         disparity_limits(result.disparity, result.confidence, scene.ground_truth)
         for result in scene.results
     ]
-    return Normalize(min(one.vmin for one in ranges), max(one.vmax for one in ranges))
+    ends = np.array([[one.vmin, one.vmax] for one in ranges], np.float64)
+    return float(ends[:, 0].min()), float(ends[:, 1].max())
 
 
 def sampling_step(image_size: tuple[int, int], max_points: int) -> int:

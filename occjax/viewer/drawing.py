@@ -90,7 +90,9 @@ def epipolar_picture(
     y = np.concatenate([[0.0], (at + 0.5) * row, [count * row]])
     x = (picked - disparity * offsets - epi.first + 0.5) * zoom
     # Drawn three times as large and reduced, so that the line is smooth.
-    large = Image.fromarray(picture).resize((3 * length * zoom, 3 * count * row), Image.NEAREST)
+    large = Image.fromarray(picture).resize(
+        (3 * length * zoom, 3 * count * row), Image.Resampling.NEAREST
+    )
     line = [(3.0 * float(px), 3.0 * float(py)) for px, py in zip(x, y, strict=True)]
     draw = ImageDraw.Draw(large)
     for colour, thickness in (((0, 0, 0), 16), (MARK, 10)):

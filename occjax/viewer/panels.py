@@ -19,13 +19,14 @@ from occjax.viewer import cloud
 from occjax.viewer.config import ViewerConfig
 from occjax.viewer.drawing import enlarged, epipolar_picture, patch_picture, with_cross
 from occjax.viewer.pixel import (
+    Line,
     angular_patch,
     cost_curve,
     epipolar_image,
     patch_occlusion,
 )
 from occjax.viewer.refocusing import Refocuser
-from occjax.viewer.scene import ViewedScene, camera_offsets, displayed
+from occjax.viewer.scene import ViewedResult, ViewedScene, camera_offsets, displayed
 from occjax.viewer.worker import LatestWorker
 
 JPEG_QUALITY = 90
@@ -57,6 +58,16 @@ class Page:
     worker: LatestWorker
     selection: Selection
 
+    @property
+    def result(self) -> ViewedResult:
+        """The selected result."""
+        return self.scene.results[self.selection.result]
+
+    @property
+    def disparity(self) -> float:
+        """Disparity of the picked pixel in the selected result, in pixels per view step."""
+        return float(self.result.disparity[self.selection.pixel])
+
     def when_changed(self, handles: tuple[Any, ...], kind: str, task: Callable[[], None]) -> None:
         """Run a task on the worker whenever a control changes."""
         for handle in handles:
@@ -84,7 +95,7 @@ class CloudPanel:
             cloud.cloud_points(
                 result.disparity,
                 scene.calibration,
-                disparity_range=(cloud.common_limits(scene).vmin, cloud.common_limits(scene).vmax),
+                disparity_range=cloud.disparity_ends(scene),
                 relief_depth=page.config.relief_depth,
             )
             for result in scene.results
@@ -172,7 +183,7 @@ class CloudPanel:
         point = self._points[self.page.selection.result][self.page.selection.pixel]
         self._marker.visible = bool(np.isfinite(point).all())
         if self._marker.visible:
-            self._marker.position = tuple(map(float, point))
+            self._marker.position = point
 
     def show_colours(self) -> None:
         """Colour the clouds, and explain the colours."""
@@ -274,12 +285,11 @@ class ViewPanel:
         index = min(int(self.v.value), rows - 1), min(int(self.u.value), columns - 1)
         image = displayed(self._light_field.views[index])
         y, x = self.page.selection.pixel
-        disparity = self.page.scene.results[self.page.selection.result].disparity[y, x]
-        if not np.isfinite(disparity):
+        if not np.isfinite(self.page.disparity):
             return enlarged(image)
-        return with_cross(
-            image, *project(y, x, disparity, camera_offsets(self._light_field)[index])
-        )
+        offset = camera_offsets(self._light_field)[index]
+        row, column = project(y, x, self.page.disparity, offset)
+        return with_cross(image, float(row), float(column))
 
 
 class RefocusPanel:
@@ -346,11 +356,10 @@ class RefocusPanel:
         self.frames += 1
 
     def _focus_on_pixel(self) -> None:
-        disparity = self.page.scene.results[self.page.selection.result].disparity
-        value = float(disparity[self.page.selection.pixel])
+        value = self.page.disparity
         if np.isfinite(value):
             low, high = self.page.scene.disparity_range
-            self.disparity.value = round(float(np.clip(value, low, high)), 3)
+            set_value(self.disparity, round(float(np.clip(value, low, high)), 3))
 
 
 class PixelPanel:
@@ -423,27 +432,23 @@ class PixelPanel:
         if self._light_field is None:
             return
         self._show_epi()
-        disparity = float(self._disparity())
+        disparity = self.page.disparity
         known = disparity if np.isfinite(disparity) else 0.0
         patch = angular_patch(self._light_field, y, x, known)
-        stored = self.page.scene.results[self.page.selection.result].occlusion
+        stored = self.page.result.occlusion
         maps = patch_occlusion(patch) if stored is None else stored[:, :, y, x]
         self._patch.image = patch_picture(patch, maps > self.page.config.occluded_above)
         self._show_cost(disparity)
 
-    def _disparity(self) -> float:
-        result = self.page.scene.results[self.page.selection.result]
-        return result.disparity[self.page.selection.pixel]
-
     def _show_epi(self) -> None:
         assert self._light_field is not None
         y, x = self.page.selection.pixel
-        line = self.line.value
+        line: Line = "row" if self.line.value == "row" else "column"
         epi = epipolar_image(
             self._light_field, y, x, line, radius_px=self.page.config.epi_radius_px
         )
         picked = x if line == "row" else y
-        self._epi.image = epipolar_picture(epi, picked, float(self._disparity()))
+        self._epi.image = epipolar_picture(epi, picked, self.page.disparity)
 
     def _show_cost(self, disparity: float) -> None:
         assert self._light_field is not None
@@ -476,11 +481,16 @@ class ComparisonPanel:
     def show_result(self) -> None:
         """Name the selected result."""
         name = self.page.scene.results[self.page.selection.result].name
-        if self.result.value != name:
-            self.result.value = name
+        set_value(self.result, name)
 
     def show_pixel(self) -> None:
         """Do nothing: the scores do not depend on the pixel."""
+
+
+def set_value(control: Any, value: object) -> None:
+    """Set the value of a control; its callbacks run if that changes it."""
+    if control.value != value:
+        control.value = value
 
 
 def other_result(page: Page, index: int) -> int:
@@ -493,7 +503,7 @@ def legend_html(legend: cloud.Legend | None) -> str:
     if legend is None:
         return ""
     stops = ", ".join(to_hex(legend.colours(at)) for at in np.linspace(0.0, 1.0, 33))
-    low, high = legend.norm.vmin, legend.norm.vmax
+    low, high = legend.low, legend.high
     ticks = "".join(f"<span>{value:.3g}</span>" for value in (low, 0.5 * (low + high), high))
     return (
         '<div style="margin:0.2em 0.9em 0.6em;font-size:0.8em">'

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.ndimage import map_coordinates
 
 from occjax.lightfield import LightField, centre_index, project, to_grey, to_unit_float
+from occjax.models.proposal.aperture import SECTORS, sector_of
+from occjax.models.proposal.costs import best_part
 from occjax.viewer.scene import camera_offsets
 
 Line = Literal["row", "column"]
@@ -127,9 +130,6 @@ def cost_curve(
     Returns:
         The costs, as fractions of the white level.
     """
-    from occjax.models.proposal.aperture import SECTORS, sector_of
-    from occjax.models.proposal.costs import best_part
-
     window = np.arange(-radius_px, radius_px + 1)
     height, width = light_field.image_size
     rows, columns = np.clip(y + window, 0, height - 1), np.clip(x + window, 0, width - 1)
@@ -147,7 +147,7 @@ def cost_curve(
     parts = [compared & (sector == number) for number in range(SECTORS)]
     sums = np.stack([cost[part].sum(0) for part in parts])
     counts = np.array([part.sum() for part in parts], np.float32)
-    best = np.asarray(best_part(sums[..., None], counts))[:, 0]
+    best = np.asarray(best_part(jnp.asarray(sums[..., None]), jnp.asarray(counts)))[:, 0]
     return CostCurve(np.asarray(candidates), sums.sum(0) / max(counts.sum(), 1.0), best)
 
 

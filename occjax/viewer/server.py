@@ -21,6 +21,7 @@ from occjax.viewer.panels import (
     RefocusPanel,
     Selection,
     ViewPanel,
+    set_value,
 )
 from occjax.viewer.scene import ViewedScene
 from occjax.viewer.worker import LatestWorker
@@ -63,8 +64,12 @@ class Viewer:
         self._page = Page(
             self._server, scene, config or ViewerConfig(), self._worker, self._selection
         )
-        self._build()
         self._blinker: threading.Thread | None = None
+        try:
+            self._build()
+        except BaseException:
+            self.close()
+            raise
         if len(scene.results) > 1:
             self._blinker = threading.Thread(target=self._blink, name="occjax blink", daemon=True)
             self._blinker.start()
@@ -140,8 +145,8 @@ class Viewer:
 
     def _show_pixel(self) -> None:
         y, x = self._selection.pixel
-        if (self.pixel.y.value, self.pixel.x.value) != (y, x):
-            self.pixel.y.value, self.pixel.x.value = y, x
+        set_value(self.pixel.y, y)
+        set_value(self.pixel.x, x)
         for panel in self.panels:
             panel.show_pixel()
 

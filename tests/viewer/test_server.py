@@ -13,10 +13,11 @@ from occjax.viewer import ViewedResult, ViewedScene, Viewer, ViewerConfig, open_
 
 
 @pytest.fixture
-def viewer(two_results):
+def viewer(two_results, capsys):
     with Viewer(two_results, config=ViewerConfig(blink_seconds=0.01)) as viewer:
         viewer.wait_until_idle()
         yield viewer
+    assert capsys.readouterr() == ("", "")  # a task that fails prints its traceback
 
 
 def test_the_numbers_of_the_picked_pixel_are_those_of_the_selected_result(viewer):
@@ -70,9 +71,11 @@ def test_a_result_without_views_has_a_cloud_and_numbers_only():
 
 
 def test_only_this_computer_can_reach_the_page_and_a_taken_port_is_refused(two_results):
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        with pytest.raises(InputError, match="pass another --port"):
-            Viewer(two_results, port=other.getsockname()[1])
+    with (
+        socket.create_server(("127.0.0.1", 0)) as other,
+        pytest.raises(InputError, match="pass another --port"),
+    ):
+        Viewer(two_results, port=other.getsockname()[1])
     with Viewer(two_results) as viewer:
         assert viewer.url == f"http://127.0.0.1:{viewer.port}"
         with pytest.raises(OSError, match="refused"):
