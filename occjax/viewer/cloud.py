@@ -133,14 +133,18 @@ def modes(scene: ViewedScene) -> tuple[Mode, ...]:
     return tuple(mode for mode, possible in available.items() if possible)
 
 
-def picture(scene: ViewedScene, result: int, mode: Mode, *, other: int = 0) -> np.ndarray:
+def compared_with(result: int) -> int:
+    """Return the index of the result that is subtracted from a result: the first or the second."""
+    return 0 if result else 1
+
+
+def picture(scene: ViewedScene, result: int, mode: Mode) -> np.ndarray:
     """Return the colour of each pixel.
 
     Args:
         scene: The scene.
         result: Index of the result.
         mode: What the colours show, one of :func:`modes`.
-        other: Index of the result that is subtracted, for the difference.
 
     Returns:
         ``[H, W, 3]`` uint8 RGB; grey where there is no value.
@@ -156,11 +160,11 @@ def picture(scene: ViewedScene, result: int, mode: Mode, *, other: int = 0) -> n
         assert scene.ground_truth is not None
         return error_picture(shown.disparity, scene.ground_truth)
     if mode == "difference":
-        return error_picture(shown.disparity, scene.results[other].disparity)
+        return error_picture(shown.disparity, scene.results[compared_with(result)].disparity)
     return coloured(shown.disparity, Normalize(*disparity_ends(scene)), disparity_colours())
 
 
-def legend(scene: ViewedScene, mode: Mode) -> Legend | None:
+def legend(scene: ViewedScene, result: int, mode: Mode) -> Legend | None:
     """Return the meaning of the colours; None for the image."""
     if mode == "disparity":
         label = "disparity, pixels per view step (yellow is near)"
@@ -169,7 +173,9 @@ def legend(scene: ViewedScene, mode: Mode) -> Legend | None:
         return Legend(0.0, 1.0, confidence_colours(), "confidence (1 is certain)")
     if mode in ("error", "difference"):
         _, colours, ticks = error_scale()
-        minus = "ground truth" if mode == "error" else "other result"
+        minus = "ground truth"
+        if mode == "difference":
+            minus = scene.results[compared_with(result)].name
         return Legend(ticks[0], ticks[-1], colours, f"disparity minus {minus} (red is too near)")
     return None
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+import warnings
 import webbrowser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
@@ -83,18 +85,29 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
     Raises:
         InputError: If a result cannot be read, or results and views do not belong together.
 
+    Warns:
+        UserWarning: If there are no views to show.
+
     Example:
         >>> import tempfile
         >>> path = Path(tempfile.mkdtemp()) / "disparity.npy"
         >>> np.save(path, np.zeros((4, 5), np.float32))
-        >>> read_scene([path]).image_size
+        >>> light_field = LightField(np.zeros((1, 3, 4, 5), np.uint8))
+        >>> read_scene([path], light_field).image_size
         (4, 5)
     """
     paths = [_result_folder(Path(folder)) for folder in folders]
     if not paths:
         raise InputError("pass at least one folder that occjax estimate wrote")
     stored = [read_result(path) for path in paths]
-    light_field = _views_of(stored[0]) if light_field is None else registered(light_field)[0]
+    if light_field is None:
+        try:
+            light_field = _views_of(stored[0])
+        except InputError as error:
+            reason = f"the page has no views: {error}; --scene SCENE and its options name them"
+            warnings.warn(reason, stacklevel=2)
+    if light_field is not None:
+        light_field = registered(light_field)[0]
     results = tuple(
         ViewedResult(
             name,
@@ -171,30 +184,21 @@ def _result_folder(path: Path) -> Path:
     )
 
 
-def _views_of(stored: StoredResult) -> LightField | None:
-    """Read the views that were estimated, if they are still where they were."""
+def _views_of(stored: StoredResult) -> LightField:
+    """Read the views that were estimated, from where they were then."""
     summary: Mapping = stored.summary
     source, grid = summary.get("source"), summary.get("grid")
-    if source is None and summary.get("scene") == "sample":
-        from occjax.data.bundled_sample import sample
-
+    if source is not None:
+        light_field = load(source)
+    elif summary.get("scene") == "sample":
         light_field = sample()
-    elif source is None:
-        return None
     else:
-        try:
-            light_field = load(source)
-        except InputError as error:
-            print(
-                f"occjax: the views are not shown: {error}; --scene and its options name them",
-                file=sys.stderr,
-            )
-            return None
+        raise InputError("the results do not say where they are")
     if light_field.image_size != stored.disparity.shape:
-        return None
+        raise InputError(f"those of {light_field.name} have another size")
     if grid is not None and tuple(grid) != light_field.grid:
         light_field = light_field.central(*grid)  # the estimate used only these views
-    return registered(light_field)[0]
+    return light_field
 
 
 def _searched_range(summary: Mapping) -> tuple[float, float] | None:

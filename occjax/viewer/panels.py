@@ -105,8 +105,9 @@ class CloudPanel:
         self.camera = cloud.first_camera(self._points[0], scene.calibration)
         self._add_controls()
         self._clouds = [self._add_cloud(index) for index in range(len(scene.results))]
+        radius = 0.007 * max(scene.image_size) * self._point_size / step
         self._marker = page.server.scene.add_icosphere(
-            "/picked", radius=3.0 * self._point_size / step, color=(255, 64, 160)
+            "/picked", radius=radius, color=(255, 64, 160)
         )
         self._set_first_camera()
 
@@ -117,7 +118,7 @@ class CloudPanel:
             self.mode = gui.add_dropdown(
                 "Colours", available, initial_value=available[0], hint="What the colours show."
             )
-            self._legend = gui.add_html("")
+            self._legend = gui.add_html(legend_html(cloud.legend(scene, 0, available[0])))
             self.size = gui.add_slider(
                 "Point size",
                 0.5,
@@ -187,7 +188,9 @@ class CloudPanel:
 
     def show_colours(self) -> None:
         """Colour the clouds, and explain the colours."""
-        self._legend.content = legend_html(cloud.legend(self.page.scene, self.mode.value))
+        self._legend.content = legend_html(
+            cloud.legend(self.page.scene, self.page.selection.result, self.mode.value)
+        )
         for index, handle in enumerate(self._clouds):
             handle.colors = self._colours(index)[self.visible(index)]
 
@@ -200,12 +203,13 @@ class CloudPanel:
                 handle.colors = self._colours(index)[shown]
 
     def _colours(self, index: int) -> np.ndarray:
-        other = other_result(self.page, index)
-        return cloud.picture(self.page.scene, index, self.mode.value, other=other)[self._grid]
+        return cloud.picture(self.page.scene, index, self.mode.value)[self._grid]
 
     def _add_cloud(self, index: int) -> viser.PointCloudHandle:
         shown = self.visible(index)
-        self._legend.content = legend_html(cloud.legend(self.page.scene, self.mode.value))
+        self._legend.content = legend_html(
+            cloud.legend(self.page.scene, self.page.selection.result, self.mode.value)
+        )
         return self.page.server.scene.add_point_cloud(
             f"/cloud/{index}",
             points=self._points[index][self._grid][shown],
@@ -311,7 +315,7 @@ class RefocusPanel:
             low,
             high,
             (high - low) / 200,
-            float(np.nanmedian(page.scene.results[0].disparity)),
+            page.scene.typical_disparity,
             hint="Disparity of the plane in focus, in pixels per view step. Larger is nearer.",
         )
         self.aperture = gui.add_slider(
@@ -377,8 +381,13 @@ class PixelPanel:
         if self._light_field is not None:
             self._add_pictures()
         for handle in (self.y, self.x):
-            handle.on_update(lambda _: select(int(self.y.value), int(self.x.value)))
+            handle.on_update(lambda event: self._typed(event.client, select))
         page.worker.submit("pixel", self.show_pixel)
+
+    def _typed(self, client: viser.ClientHandle | None, select: Callable[[int, int], None]) -> None:
+        """Select the typed pixel. The numbers also follow a click in the cloud, without client."""
+        if client is not None:
+            select(int(self.y.value), int(self.x.value))
 
     def _add_pictures(self) -> None:
         gui, config = self.page.server.gui, self.page.config
@@ -491,11 +500,6 @@ def set_value(control: Any, value: object) -> None:
     """Set the value of a control; its callbacks run if that changes it."""
     if control.value != value:
         control.value = value
-
-
-def other_result(page: Page, index: int) -> int:
-    """Return the index of the result that is subtracted from a result."""
-    return 1 if index == 0 and len(page.scene.results) > 1 else 0
 
 
 def legend_html(legend: cloud.Legend | None) -> str:

@@ -93,6 +93,13 @@ class ViewedScene:
         low, high = min(low for low, _ in ends), max(high for _, high in ends)
         return (low, high) if high > low else (low - 0.5, high + 0.5)
 
+    @property
+    def typical_disparity(self) -> float:
+        """Median disparity of the first result; the middle of the range if it has no value."""
+        disparity = self.results[0].disparity
+        known = disparity[np.isfinite(disparity)]
+        return float(np.median(known) if known.size else np.mean(self.disparity_range))
+
 
 def camera_offsets(light_field: LightField) -> np.ndarray:
     """Return ``[V, U, 2]`` the offset ``(row, column)`` of each view from the centre view."""

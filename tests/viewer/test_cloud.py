@@ -55,14 +55,14 @@ def test_colours_that_need_views_truth_or_a_second_result_are_not_offered():
     views = LightField(np.zeros((1, 3, 20, 30, 3), np.uint8), ground_truth=RAMP)
     both = scene(RAMP, RAMP, light_field=views)
     assert modes(both) == ("image", "disparity", "error", "difference")
-    assert legend(both, "image") is None
-    assert legend(both, "disparity").high == pytest.approx(1.0)
+    assert legend(both, 0, "image") is None
+    assert legend(both, 0, "disparity").high == pytest.approx(1.0)
 
 
 def test_the_difference_is_red_where_a_result_is_nearer_and_blue_where_it_is_farther():
-    shown = picture(scene(RAMP + np.float32(0.3), RAMP), 0, "difference", other=1)
+    shown = picture(scene(RAMP + np.float32(0.3), RAMP), 0, "difference")
     assert (shown[..., 0] > shown[..., 2]).all()
-    shown = picture(scene(RAMP, RAMP + np.float32(0.3)), 0, "difference", other=1)
+    shown = picture(scene(RAMP, RAMP + np.float32(0.3)), 0, "difference")
     assert (shown[..., 0] < shown[..., 2]).all()
 
 
@@ -70,8 +70,8 @@ def test_results_share_the_range_of_the_disparity_colours():
     two = scene(RAMP, RAMP + np.float32(1.0))
     first, second = picture(two, 0, "disparity"), picture(two, 1, "disparity")
     np.testing.assert_array_equal(first[-1, -1], second[9, 29])  # both have disparity 1
-    assert legend(two, "disparity").low == pytest.approx(-1.0)
-    assert legend(two, "disparity").high == pytest.approx(2.0)
+    assert legend(two, 0, "disparity").low == pytest.approx(-1.0)
+    assert legend(two, 0, "disparity").high == pytest.approx(2.0)
 
 
 def test_the_cursor_picks_the_front_point_and_nothing_beside_the_cloud():

@@ -49,7 +49,8 @@ def test_the_views_are_read_from_where_the_summary_says(tmp_path, light_field, e
     path.write_text(json.dumps({**summary, "source": str(source)}))
     assert read_scene([tmp_path / "out"]).light_field.grid == (3, 3)
     source.unlink()
-    assert read_scene([tmp_path / "out"]).light_field is None
+    with pytest.warns(UserWarning, match="--scene SCENE"):
+        assert read_scene([tmp_path / "out"]).light_field is None
 
 
 def test_what_cannot_be_shown_is_named(tmp_path):
