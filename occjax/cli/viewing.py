@@ -52,6 +52,8 @@ def view_command(
         raise InputError("pass at least one folder that occjax estimate wrote")
     if port is not None and not 0 < port < 65536:
         raise InputError(f"--port is {port}; pass 1 to 65535")
+    if scene is None and view_order != ViewOrderOptions():
+        raise InputError("options of the scene need --scene; pass the scene that was estimated")
     # The rest imports JAX. A wrong argument is reported without it.
     from occjax.viewer import open_viewer
     from occjax.viewer.opening import check_viser, read_scene

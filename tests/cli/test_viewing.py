@@ -19,6 +19,9 @@ def test_wrong_arguments_are_refused_before_anything_is_read(run, tmp_path):
     code, _, err = run("view", tmp_path, "--port", 99999)
     assert code == 2
     assert "pass 1 to 65535" in err
+    code, _, err = run("view", tmp_path, "--order", "uv")
+    assert code == 2
+    assert "need --scene" in err
     code, _, err = run("view")
     assert code == 2
     assert "at least one folder" in err

@@ -44,7 +44,7 @@ def viewer(two_results, capsys):
 @pytest.mark.slow
 def test_a_person_looks_at_the_cloud_moves_sliders_and_picks_a_point(browser, viewer):
     page = browser.new_page(viewport={"width": 1100, "height": 600})
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(120_000)
     requests = []
     page.on("request", lambda request: requests.append(request.url))
     page.goto(viewer.url)
