@@ -95,12 +95,12 @@ def epipolar_picture(
     )
     line = [(3.0 * float(px), 3.0 * float(py)) for px, py in zip(x, y, strict=True)]
     draw = ImageDraw.Draw(large)
-    for colour, thickness in (((0, 0, 0), 16), (MARK, 10)):
+    for colour, thickness in (((0, 0, 0), 22), (MARK, 14)):
         draw.line(line, fill=colour, width=thickness, joint="curve")
     return np.asarray(large.reduce(3))
 
 
-def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 360) -> np.ndarray:
+def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 234) -> np.ndarray:
     """Return an enlarged angular patch: occluded views are crossed out, the centre view framed.
 
     Args:
@@ -116,11 +116,12 @@ def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 360) 
     drawn = Image.fromarray(np.repeat(np.repeat(colours, tile, axis=0), tile, axis=1))
     draw = ImageDraw.Draw(drawn)
     for v, u in np.argwhere(occluded):
-        box = [u * tile + 4, v * tile + 4, (u + 1) * tile - 5, (v + 1) * tile - 5]
+        gap, line = tile // 6, max(2, tile // 10)
+        box = [u * tile + gap, v * tile + gap, (u + 1) * tile - gap - 1, (v + 1) * tile - gap - 1]
         for ends in (box, [box[0], box[3], box[2], box[1]]):
-            draw.line(ends, fill=(255, 255, 255), width=5)
-            draw.line(ends, fill=OCCLUDED, width=3)
+            draw.line(ends, fill=(255, 255, 255), width=line + 2)
+            draw.line(ends, fill=OCCLUDED, width=line)
     v, u = centre_index(occluded.shape)
     frame = (u * tile, v * tile, (u + 1) * tile - 1, (v + 1) * tile - 1)
-    draw.rectangle(frame, outline=CENTRE, width=3)
+    draw.rectangle(frame, outline=CENTRE, width=max(2, tile // 10))
     return np.asarray(drawn)

@@ -105,7 +105,7 @@ class CloudPanel:
         self.camera = cloud.first_camera(self._points[0], scene.calibration)
         self._add_controls()
         self._clouds = [self._add_cloud(index) for index in range(len(scene.results))]
-        radius = 0.007 * max(scene.image_size) * self._point_size / step
+        radius = 0.01 * max(scene.image_size) * self._point_size / step
         self._marker = page.server.scene.add_icosphere(
             "/picked", radius=radius, color=(255, 64, 160)
         )
@@ -314,8 +314,8 @@ class RefocusPanel:
             "Focus",
             low,
             high,
-            (high - low) / 200,
-            page.scene.typical_disparity,
+            max(round((high - low) / 200, 3), 0.001),
+            round(page.scene.typical_disparity, 3),
             hint="Disparity of the plane in focus, in pixels per view step. Larger is nearer.",
         )
         self.aperture = gui.add_slider(
@@ -404,6 +404,13 @@ class PixelPanel:
                 "One line of pixels of each view, stacked. A point draws a slanted line; the pink "
                 "line has the slope of its disparity, and should follow the texture."
             )
+        with gui.add_folder("Angular patch"):
+            self._patch = gui.add_image(black, format="png")
+            gui.add_markdown(
+                "The colour of the point in each view, one square per view. Crossed views see "
+                f"something else (occlusion map above {config.occluded_above:g}): an occluder, or "
+                "the disparity is wrong. The centre view has a yellow frame."
+            )
         with gui.add_folder("Matching cost"):
             self._cost = gui.add_uplot(
                 (np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)),
@@ -420,13 +427,6 @@ class PixelPanel:
                 "How much the views differ from the centre view if the point had this disparity. "
                 "The pink line is the estimate; it should be at a low point. Where something "
                 "hides the point from some views, only the yellow curve has it."
-            )
-        with gui.add_folder("Angular patch"):
-            self._patch = gui.add_image(black, format="png")
-            gui.add_markdown(
-                "The colour of the point in each view, one square per view. Crossed views see "
-                f"something else (occlusion map above {config.occluded_above:g}): an occluder, or "
-                "the disparity is wrong. The centre view has a yellow frame."
             )
         self.line.on_click(lambda _: self.page.worker.submit("epi", self._show_epi))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -91,6 +92,8 @@ class ViewedScene:
         if not ends:
             return -1.0, 1.0
         low, high = min(low for low, _ in ends), max(high for _, high in ends)
+        # Rounded outwards, so that sliders have short numbers at their ends.
+        low, high = math.floor(100.0 * low) / 100.0, math.ceil(100.0 * high) / 100.0
         return (low, high) if high > low else (low - 0.5, high + 0.5)
 
     @property
