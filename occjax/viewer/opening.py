@@ -128,6 +128,18 @@ def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = Non
     Args:
         estimates: Estimates of one light field.
         light_field: The light field, if its views are to be shown.
+
+    Returns:
+        The scene.
+
+    Raises:
+        InputError: If the maps have different sizes.
+
+    Example:
+        >>> flat = np.zeros((4, 5), np.float32)
+        >>> estimate = Estimate(flat, flat, flat, (-1.0, 1.0), "photometric")
+        >>> [result.name for result in scene_of((estimate, estimate)).results]
+        ['photometric (1)', 'photometric (2)']
     """
     names = [estimate.weights or estimate.model for estimate in estimates]
     results = tuple(
