@@ -50,6 +50,7 @@ def open_viewer(
         InputError: If viser is missing or the port is taken.
 
     Example:
+        >>> import numpy as np
         >>> scene = ViewedScene((ViewedResult("plane", np.zeros((8, 8))),))
         >>> with open_viewer(scene, open_browser=False) as viewer:
         ...     viewer.url.startswith("http://127.0.0.1:")
@@ -89,7 +90,7 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
         UserWarning: If there are no views to show.
 
     Example:
-        >>> import tempfile
+        >>> import tempfile, numpy as np
         >>> path = Path(tempfile.mkdtemp()) / "disparity.npy"
         >>> np.save(path, np.zeros((4, 5), np.float32))
         >>> light_field = LightField(np.zeros((1, 3, 4, 5), np.uint8))
@@ -136,6 +137,7 @@ def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = Non
         InputError: If the maps have different sizes.
 
     Example:
+        >>> import numpy as np
         >>> flat = np.zeros((4, 5), np.float32)
         >>> estimate = Estimate(flat, flat, flat, (-1.0, 1.0), "photometric")
         >>> [result.name for result in scene_of((estimate, estimate)).results]
