@@ -8,6 +8,7 @@ from . import (
     ops as ops,
     results as results,
     training as training,
+    viewer as viewer,
     viz as viz,
 )
 from .errors import InputError as InputError

@@ -10,7 +10,17 @@ import pytest
 
 import occjax
 
-PACKAGES = ("ops", "io", "layout", "evaluation", "models", "estimators", "training", "viz")
+PACKAGES = (
+    "ops",
+    "io",
+    "layout",
+    "evaluation",
+    "models",
+    "estimators",
+    "training",
+    "viewer",
+    "viz",
+)
 
 POSITIONAL = {"concatenate", "mean_and_variance"}
 """Called by the volumes with two positional arguments, as a user's own function would be."""
@@ -93,7 +103,9 @@ MAY_IMPORT = {
     "evaluation": BASE | {"kernels", "ops", "layout", "io"},
     "viz": BASE | {"kernels", "ops", "layout", "io", "evaluation", "programs"},
     "models": BASE | {"kernels", "ops", "io", "view_selection"},
-    "estimators": BASE | {"kernels", "ops", "layout", "io", "models", "programs", "view_selection"},
+    # ``Estimate.view`` imports the viewer when it is called.
+    "estimators": BASE
+    | {"kernels", "ops", "layout", "io", "models", "programs", "view_selection", "viewer"},
     "data": BASE | {"kernels", "ops", "layout", "io", "view_selection"},
     "training": BASE
     | {"kernels", "ops", "layout", "io", "models", "data", "evaluation", "viz"}
@@ -102,10 +114,13 @@ MAY_IMPORT = {
     "results": BASE
     | {"kernels", "ops", "layout", "io", "evaluation", "viz", "models"}
     | {"estimators", "view_selection"},
+    "viewer": BASE
+    | {"kernels", "ops", "layout", "io", "evaluation", "viz", "models", "data"}
+    | {"estimators", "results"},
 }
 """Arrows of the architecture; the command line may import everything and is imported by nothing."""
 
-MAY_IMPORT_WHEN_CALLED = {"lightfield": {"viz"}, "estimators": {"results", "viz"}}
+MAY_IMPORT_WHEN_CALLED = {"lightfield": {"viz"}, "estimators": {"results", "viewer", "viz"}}
 """What the methods that show, save or load an object may import within their body."""
 
 

@@ -33,6 +33,7 @@ COMMANDS = {
     "demo": Command(
         "estimating", "demo_command", "Estimate the bundled sample and compare with the truth."
     ),
+    "view": Command("viewing", "view_command", "Look at results in the browser."),
     "refocus": Command(
         "refocusing", "refocus_command", "Write an image or a video with another focus or aperture."
     ),

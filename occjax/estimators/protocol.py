@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from occjax.results.outputs import Outputs
+    from occjax.viewer import Viewer
     from occjax.viz.plots import Quantity
 
 DisparityRange = tuple[float, float]
@@ -177,6 +178,36 @@ class Estimate:
 
         picture = disparity_picture(self.disparity, confidence=self.confidence)
         return describe_estimate(self).html(picture)
+
+    def view(
+        self,
+        light_field: LightField | None = None,
+        *,
+        others: tuple[Estimate, ...] = (),
+        host: str = "127.0.0.1",
+        port: int | None = None,
+        open_browser: bool = True,
+    ) -> Viewer:
+        """Open the estimate in the browser (extra ``view``), see :mod:`occjax.viewer`.
+
+        Args:
+            light_field: The light field that was estimated; without it, the page has neither views
+                nor metric depth nor errors.
+            others: Other estimates of the same light field, to compare with.
+            host: Address to listen at; by default only this computer can reach the page.
+            port: Port to listen at; None for a free one.
+            open_browser: Whether to open the page in the user's browser.
+
+        Returns:
+            The viewer, which runs in the background. In a script, call its ``wait()``.
+
+        Raises:
+            InputError: If viser is missing, the port is taken, or the maps do not fit the views.
+        """
+        from occjax.viewer.opening import open_viewer, scene_of
+
+        scene = scene_of((self, *others), light_field)
+        return open_viewer(scene, host=host, port=port, open_browser=open_browser)
 
 
 @runtime_checkable

@@ -61,7 +61,7 @@ def disparity_picture(
         [[[68, 1, 84], [253, 231, 36], [138, 138, 138]]]
     """
     norm = disparity_limits(disparity, confidence, ground_truth)
-    return _coloured(disparity, norm, disparity_colours())
+    return coloured(disparity, norm, disparity_colours())
 
 
 def confidence_picture(confidence: np.ndarray) -> np.ndarray:
@@ -77,7 +77,7 @@ def confidence_picture(confidence: np.ndarray) -> np.ndarray:
         >>> confidence_picture(np.array([[0.0, 1.0]])).tolist()
         [[[0, 0, 3], [251, 252, 191]]]
     """
-    return _coloured(confidence, Normalize(0.0, 1.0), confidence_colours())
+    return coloured(confidence, Normalize(0.0, 1.0), confidence_colours())
 
 
 def error_picture(
@@ -101,7 +101,7 @@ def error_picture(
     known = np.isfinite(disparity) & np.isfinite(ground_truth)
     error = np.full(disparity.shape, np.nan)
     error[known] = disparity[known] - ground_truth[known]
-    picture = _coloured(error, norm, colours)
+    picture = coloured(error, norm, colours)
     missing = np.isfinite(ground_truth) & ~np.isfinite(disparity)
     picture[missing] = np.multiply(255, to_rgb(MISSING)).astype(np.uint8)
     return picture
@@ -142,6 +142,15 @@ def save_picture(picture: np.ndarray, path: str | Path) -> None:
         Image.fromarray(picture).save(temporary, format="PNG", compress_level=1)
 
 
-def _coloured(values: np.ndarray, norm: Normalize, colours: Colormap) -> np.ndarray:
-    """Return ``[H, W, 3]`` uint8 colours of a map; values that are not finite are grey."""
+def coloured(values: np.ndarray, norm: Normalize, colours: Colormap) -> np.ndarray:
+    """Return a map in colours.
+
+    Args:
+        values: ``[H, W]`` map; values that are not finite get the colour for bad values.
+        norm: Range of the colours.
+        colours: The colours.
+
+    Returns:
+        ``[H, W, 3]`` uint8 RGB.
+    """
     return colours(norm(np.ma.masked_invalid(values)), bytes=True)[..., :3]

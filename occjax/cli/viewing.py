@@ -1,0 +1,82 @@
+"""The command ``view``."""
+
+from __future__ import annotations
+
+import getpass
+import socket
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
+
+from occjax.cli.options import ViewOrderOptions, option
+from occjax.errors import InputError
+
+
+def view_command(
+    results: Positional[
+        Annotated[
+            tuple[Path, ...],
+            arg(
+                metavar="RESULTS...",
+                help="Folders that occjax estimate wrote, or disparity maps, of one scene.",
+                help_behavior_hint="",
+            ),
+        ]
+    ],
+    scene: Annotated[
+        Path | None,
+        option(
+            "The light field that was estimated. By default it is read from where it was then.",
+            "SCENE",
+        ),
+    ] = None,
+    port: Annotated[
+        int | None, option("Port of the page. By default any free port.", "PORT")
+    ] = None,
+    host: Annotated[
+        str,
+        option(
+            "Address to listen at: 0.0.0.0 lets other computers see the page. By default only "
+            "this computer can.",
+            "ADDRESS",
+        ),
+    ] = "127.0.0.1",
+    no_open: Annotated[
+        FlagCreatePairsOff[bool], arg(help="Print the address only; open no browser.")
+    ] = False,
+    view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
+) -> int:
+    """Look at results in the browser: points in space, views, refocusing, single pixels."""
+    if not results:
+        raise InputError("pass at least one folder that occjax estimate wrote")
+    if port is not None and not 0 < port < 65536:
+        raise InputError(f"--port is {port}; pass 1 to 65535")
+    if scene is None and view_order != ViewOrderOptions():
+        raise InputError("options of the scene need --scene; pass the scene that was estimated")
+    # The rest imports JAX. A wrong argument is reported without it.
+    from occjax.viewer import open_viewer
+    from occjax.viewer.opening import check_viser, read_scene
+
+    check_viser()
+    light_field = None if scene is None else view_order.load(scene)
+    viewed = read_scene(results, light_field)
+    with open_viewer(viewed, host=host, port=port, open_browser=not no_open) as viewer:
+        print(address_lines(viewer.url, viewer.port), flush=True)
+        viewer.wait()
+    return 0
+
+
+def address_lines(url: str, port: int) -> str:
+    """Return the address of the page, and how to see it from another computer.
+
+    Args:
+        url: Address on this computer.
+        port: Its port.
+    """
+    return (
+        f"{url}\n"
+        f"  from another computer: ssh -L {port}:localhost:{port} "
+        f"{getpass.getuser()}@{socket.gethostname()}, then open http://localhost:{port} there\n"
+        "  Ctrl-C ends the viewer"
+    )

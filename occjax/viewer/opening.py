@@ -1,0 +1,228 @@
+"""From folders of results, or estimates in memory, to an open viewer."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import warnings
+import webbrowser
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from occjax.data.bundled_sample import sample
+from occjax.errors import InputError
+from occjax.estimators.protocol import Estimate
+from occjax.io.loading import load
+from occjax.io.maps import read_map
+from occjax.layout import registered
+from occjax.lightfield import LightField
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.viewer.config import LOOPBACK, ViewerConfig
+from occjax.viewer.scene import ViewedResult, ViewedScene
+
+if TYPE_CHECKING:
+    from occjax.viewer.server import Viewer
+
+
+def open_viewer(
+    scene: ViewedScene,
+    *,
+    host: str = LOOPBACK,
+    port: int | None = None,
+    open_browser: bool = True,
+    config: ViewerConfig | None = None,
+) -> Viewer:
+    """Open a page in the browser that shows a scene and its estimates.
+
+    Args:
+        scene: What is shown.
+        host: Address to listen at; by default only this computer can reach the page.
+        port: Port to listen at; None for a free one.
+        open_browser: Whether to open the page in the user's browser, if there is a display.
+        config: Settings.
+
+    Returns:
+        The viewer. It runs in the background until it is closed; ``wait()`` waits for that, and
+        ``with`` closes it at the end.
+
+    Raises:
+        InputError: If viser is missing or the port is taken.
+
+    Example:
+        >>> import numpy as np
+        >>> scene = ViewedScene((ViewedResult("plane", np.zeros((8, 8))),))
+        >>> with open_viewer(scene, open_browser=False) as viewer:
+        ...     viewer.url.startswith("http://127.0.0.1:")
+        True
+    """
+    check_viser()
+    from occjax.viewer.server import Viewer
+
+    viewer = Viewer(scene, host=host, port=port, config=config)
+    if open_browser and _has_display():
+        webbrowser.open(viewer.url)
+    return viewer
+
+
+def check_viser() -> None:
+    """Raise an :class:`InputError` if viser, which makes the page, is missing."""
+    if importlib.util.find_spec("viser") is None:
+        raise InputError("the viewer needs viser; run pip install 'occjax[view]'")
+
+
+def read_scene(folders: Sequence[str | Path], light_field: LightField | None = None) -> ViewedScene:
+    """Read results of one scene, and its views if they are found.
+
+    Args:
+        folders: Folders of results, or disparity maps. A folder with one folder of results in it
+            stands for that.
+        light_field: The views. By default they are read from where the results say that they came
+            from, if they are still there.
+
+    Returns:
+        The scene.
+
+    Raises:
+        InputError: If a result cannot be read, or results and views do not belong together.
+
+    Warns:
+        UserWarning: If there are no views to show.
+
+    Example:
+        >>> import tempfile, numpy as np
+        >>> path = Path(tempfile.mkdtemp()) / "disparity.npy"
+        >>> np.save(path, np.zeros((4, 5), np.float32))
+        >>> light_field = LightField(np.zeros((1, 3, 4, 5), np.uint8))
+        >>> read_scene([path], light_field).image_size
+        (4, 5)
+    """
+    paths = [_result_folder(Path(folder)) for folder in folders]
+    if not paths:
+        raise InputError("pass at least one folder that occjax estimate wrote")
+    summaries = [
+        read_summary(path / SUMMARY) if (path / SUMMARY).is_file() else None for path in paths
+    ]
+    results = tuple(
+        ViewedResult(name, read_map(path, quantity="disparity").values)
+        if summary is None
+        else _viewed(name, Estimate.load(path))
+        for name, path, summary in zip(short_names(paths), paths, summaries, strict=True)
+    )
+    first = summaries[0] or {}
+    if light_field is None:
+        try:
+            light_field = _views_of(first, results[0].disparity.shape)
+        except InputError as error:
+            reason = f"the page has no views: {error}; --scene SCENE and its options name them"
+            warnings.warn(reason, stacklevel=2)
+    if light_field is not None:
+        light_field = registered(light_field)[0]
+    named = first.get("scene") or (light_field.name if light_field else paths[0].name)
+    return ViewedScene(results, light_field, named, stored_calibration(first) if first else None)
+
+
+def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = None) -> ViewedScene:
+    """Return the scene of estimates in memory.
+
+    Args:
+        estimates: Estimates of one light field.
+        light_field: The light field; by default that of the first estimate.
+
+    Returns:
+        The scene.
+
+    Raises:
+        InputError: If the maps have different sizes.
+
+    Example:
+        >>> flat = np.zeros((4, 5), np.float32)
+        >>> estimate = Estimate(flat, flat, flat, (-1.0, 1.0), "photometric")
+        >>> [result.name for result in scene_of((estimate, estimate)).results]
+        ['photometric (1)', 'photometric (2)']
+    """
+    names = [estimate.weights or estimate.model for estimate in estimates]
+    results = tuple(
+        _viewed(name if names.count(name) == 1 else f"{name} ({index + 1})", estimate)
+        for index, (name, estimate) in enumerate(zip(names, estimates, strict=True))
+    )
+    light_field = light_field or estimates[0].light_field
+    if light_field is None:
+        return ViewedScene(results)
+    return ViewedScene(results, registered(light_field)[0], light_field.name)
+
+
+def _viewed(name: str, estimate: Estimate) -> ViewedResult:
+    known = np.isfinite(estimate.confidence).any()
+    return ViewedResult(
+        name,
+        estimate.disparity,
+        estimate.confidence if known else None,
+        estimate.occlusion,
+        estimate.disparity_range,
+    )
+
+
+def short_names(paths: Sequence[Path]) -> list[str]:
+    """Return the parts of paths in which they differ.
+
+    Example:
+        >>> short_names([Path("a/photometric/sample"), Path("a/proposal/sample")])
+        ['photometric', 'proposal']
+    """
+    parts = [path.resolve().parts for path in paths]
+    while len({own[0] for own in parts}) == 1 and min(map(len, parts)) > 1:
+        parts = [own[1:] for own in parts]
+    while len({own[-1] for own in parts}) == 1 and min(map(len, parts)) > 1:
+        parts = [own[:-1] for own in parts]
+    names = [str(Path(*own)) for own in parts]
+    return [
+        name if names.count(name) == 1 else f"{name} ({index + 1})"
+        for index, name in enumerate(names)
+    ]
+
+
+def _result_folder(path: Path) -> Path:
+    """Return a folder of results, or the only one in the folder that is named."""
+    if not path.is_dir() or any((path / f"disparity.{kind}").is_file() for kind in ("npy", "pfm")):
+        return path
+    inside = sorted(file.parent for file in path.glob("*/disparity.[np][pf][ym]"))
+    inside = list(dict.fromkeys(inside))
+    if len(inside) == 1:
+        return inside[0]
+    if inside:
+        names = ", ".join(folder.name for folder in inside[:5])
+        raise InputError(
+            f"{path}: contains the results of {len(inside)} scenes ({names}"
+            f"{', ...' if len(inside) > 5 else ''}); pass one of them, such as {inside[0]}"
+        )
+    raise InputError(
+        f"{path}: contains no disparity.npy or disparity.pfm; pass a folder that occjax estimate "
+        "wrote"
+    )
+
+
+def _views_of(summary: Mapping[str, Any], image_size: tuple[int, ...]) -> LightField:
+    """Read the views that were estimated, from where they were then."""
+    source, grid = summary.get("source"), summary.get("grid")
+    if source is not None:
+        light_field = load(source)
+    elif summary.get("scene") == "sample":
+        light_field = sample()
+    else:
+        raise InputError("the results do not say where they are")
+    if light_field.image_size != image_size:
+        raise InputError(f"those of {light_field.name} have another size")
+    if grid is not None and tuple(grid) != light_field.grid:
+        light_field = light_field.central(*grid)  # the estimate used only these views
+    return light_field
+
+
+def _has_display() -> bool:
+    """Return whether a browser with graphics can open on this computer."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

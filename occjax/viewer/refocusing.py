@@ -1,0 +1,97 @@
+"""Refocused images for the slider: all views at rest, as many as time allows while it moves."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import jax
+import numpy as np
+
+from occjax.lightfield import LightField
+from occjax.ops import aperture_weights, refocus
+from occjax.viz.pictures import view_picture
+from occjax.viz.refocusing import Refocuser
+
+MIN_PREVIEW_VIEWS = 4
+"""Number of views of a preview, at least."""
+
+
+class LiveRefocuser:
+    """Refocuses one light field fast enough for a slider.
+
+    Args:
+        light_field: The views.
+        frame_seconds: Time that a preview may take.
+    """
+
+    def __init__(self, light_field: LightField, *, frame_seconds: float) -> None:
+        self._all = Refocuser(light_field)
+        prepared = self._all.light_field
+        self._views = prepared.views[prepared.usable]
+        self._offsets = prepared.offsets[prepared.usable].astype(np.float32)
+        self._frame_seconds = frame_seconds
+        self._seconds_per_view = math.inf  # until it has been measured
+
+    @property
+    def largest_aperture(self) -> float:
+        """Diameter of the aperture that contains all views, in view steps."""
+        return 2.0 * float(np.linalg.norm(self._offsets, axis=-1).max())
+
+    def image(self, disparity: float, aperture: float, *, preview: bool = False) -> np.ndarray:
+        """Compute the image that a camera with a large aperture would take.
+
+        Args:
+            disparity: Disparity of the plane in focus, pixels per view step.
+            aperture: Diameter of the aperture, in view steps.
+            preview: Whether to average only as many views as the time of a preview allows.
+
+        Returns:
+            ``[H, W, 3]`` uint8 RGB.
+        """
+        if not preview:
+            return self._all.image(disparity, aperture=aperture)
+        weights = np.asarray(aperture_weights(self._offsets[None], aperture))[0]
+        affordable = max(MIN_PREVIEW_VIEWS, int(self._frame_seconds / self._seconds_per_view))
+        chosen = spread(self._offsets, np.flatnonzero(weights), affordable)
+        # A power of two, so that few programs serve all apertures.
+        indices = np.resize(chosen, 1 << (chosen.size - 1).bit_length())
+        weights = np.where(np.arange(indices.size) < chosen.size, weights[indices], 0.0)
+        begin = time.perf_counter()
+        views, offsets = self._views[indices][None], self._offsets[indices][None]
+        weights = weights[None].astype(np.float32)
+        image = np.asarray(_refocus(views, np.float32(disparity), offsets=offsets, weights=weights))
+        self._seconds_per_view = (time.perf_counter() - begin) / indices.size
+        return view_picture(image)
+
+
+_refocus = jax.jit(refocus)
+
+
+def spread(offsets: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
+    """Choose views that are spread over the aperture.
+
+    Starting with the view nearest to the centre, each next one is that farthest from all before.
+
+    Args:
+        offsets: ``[N, 2]`` offset of each view from the centre view, in view steps.
+        chosen: ``[K]`` indices to choose from.
+        count: Number of views, at most.
+
+    Returns:
+        ``[min(K, count)]`` indices.
+
+    Example:
+        >>> spread(np.array([[0, -2], [0, -1], [0, 0], [0, 1], [0, 2]]), np.arange(5), 3).tolist()
+        [2, 0, 4]
+    """
+    if chosen.size <= count:
+        return chosen
+    places = offsets[chosen].astype(np.float64)
+    order = [int(np.argmin(np.square(places).sum(-1)))]
+    distance = np.full(chosen.size, np.inf)
+    while len(order) < count:
+        step = np.square(places - places[order[-1]]).sum(-1)
+        distance = np.minimum(distance, step)
+        order.append(int(np.argmax(distance)))
+    return chosen[order]

@@ -1,0 +1,74 @@
+"""From folders of results and estimates to a scene."""
+
+import json
+
+import numpy as np
+import pytest
+
+from occjax.errors import InputError
+from occjax.estimators import Estimate
+from occjax.io import write_pfm
+from occjax.results.outputs import OutputOptions, write_outputs
+from occjax.viewer import read_scene
+from tests.scenes import plane
+
+
+@pytest.fixture(scope="module")
+def light_field():
+    return plane(grid=(3, 3), size=(24, 32), disparity=0.5, name="table")
+
+
+@pytest.fixture(scope="module")
+def estimate(light_field):
+    shape = light_field.image_size
+    return Estimate(
+        light_field.ground_truth,
+        np.full(shape, 0.5, np.float32),
+        np.zeros(shape, np.float32),
+        (-1.0, 2.0),
+        "photometric",
+    )
+
+
+def test_a_written_folder_is_shown_with_the_given_views(tmp_path, light_field, estimate):
+    write_outputs(estimate, light_field, tmp_path / "table", OutputOptions(("maps",)))
+    scene = read_scene([tmp_path], light_field)  # the only folder of results in it
+    np.testing.assert_array_equal(scene.results[0].disparity, estimate.disparity)
+    np.testing.assert_array_equal(scene.results[0].confidence, estimate.confidence)
+    assert (scene.name, scene.results[0].name) == ("table", "table")
+    assert scene.disparity_range == (-1.0, 2.0)
+    assert scene.light_field.grid == (3, 3)
+
+
+def test_the_views_are_read_from_where_the_summary_says(tmp_path, light_field, estimate):
+    source = tmp_path / "views.npy"
+    np.save(source, light_field.views)
+    write_outputs(estimate, light_field, tmp_path / "out", OutputOptions(("maps",)))
+    path = tmp_path / "out/summary.json"
+    summary = json.loads(path.read_text())
+    path.write_text(json.dumps({**summary, "source": str(source)}))
+    assert read_scene([tmp_path / "out"]).light_field.grid == (3, 3)
+    source.unlink()
+    with pytest.warns(UserWarning, match="--scene SCENE"):
+        assert read_scene([tmp_path / "out"]).light_field is None
+
+
+def test_what_cannot_be_shown_is_named(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        read_scene([tmp_path / "nothing"])
+    with pytest.raises(InputError, match=r"no disparity\.npy"):
+        read_scene([tmp_path])
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_pfm(tmp_path / name / "disparity.pfm", np.zeros((4, 5), np.float32))
+    with pytest.raises(InputError, match=r"2 scenes \(a, b\)"):
+        read_scene([tmp_path])
+    np.save(tmp_path / "a/confidence.npy", np.zeros((5, 4), np.float32))
+    with pytest.raises(InputError, match="estimate again"):
+        read_scene([tmp_path / "a"])
+
+
+def test_an_estimate_opens_itself_next_to_others(light_field, estimate):
+    with estimate.view(light_field, others=(estimate,), open_browser=False) as viewer:
+        viewer.wait_until_idle()
+        assert viewer.comparison.result.options == ("photometric (1)", "photometric (2)")
