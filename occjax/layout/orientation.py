@@ -177,6 +177,12 @@ def straightened(grid: np.ndarray) -> np.ndarray:
 
     It puts views in serpentine order into rows that all run from left to right, and back.
 
+    Args:
+        grid: ``[V, U, ...]`` anything of the views.
+
+    Returns:
+        ``[V, U, ...]`` the copy.
+
     Example:
         >>> straightened(np.arange(6).reshape(2, 3)).tolist()
         [[0, 1, 2], [5, 4, 3]]

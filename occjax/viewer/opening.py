@@ -107,7 +107,7 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
         read_summary(path / SUMMARY) if (path / SUMMARY).is_file() else None for path in paths
     ]
     results = tuple(
-        ViewedResult(name, read_map(path, quantity="disparity").values)
+        ViewedResult(name, read_map(_map_of(path), quantity="disparity").values)
         if summary is None
         else _viewed(name, Estimate.load(path))
         for name, path, summary in zip(short_names(paths), paths, summaries, strict=True)
@@ -186,7 +186,9 @@ def short_names(paths: Sequence[Path]) -> list[str]:
 
 
 def _result_folder(path: Path) -> Path:
-    """Return a folder of results, or the only one in the folder that is named."""
+    """Return a folder of results, the only one in the folder that is named, or a single map."""
+    if not path.exists():
+        raise InputError(f"{path}: does not exist; pass a folder that occjax estimate wrote")
     if not path.is_dir() or any((path / f"disparity.{kind}").is_file() for kind in ("npy", "pfm")):
         return path
     inside = sorted(file.parent for file in path.glob("*/disparity.[np][pf][ym]"))
@@ -203,6 +205,12 @@ def _result_folder(path: Path) -> Path:
         f"{path}: contains no disparity.npy or disparity.pfm; pass a folder that occjax estimate "
         "wrote"
     )
+
+
+def _map_of(path: Path) -> Path:
+    """Return the map in a folder without a summary."""
+    array = path / "disparity.npy"
+    return array if array.is_file() else path
 
 
 def _views_of(summary: Mapping[str, Any], image_size: tuple[int, ...]) -> LightField:

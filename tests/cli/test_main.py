@@ -59,7 +59,7 @@ def test_help_lists_all_commands(run):
     ("arguments", "message"),
     [
         (("estimat", "scene"), "estimat is not a command; did you mean 'estimate'?"),
-        (("scene.npz",), "the commands are estimate, demo, refocus"),
+        (("scene.npz",), "the commands are estimate, demo, view"),
         (("estimate", "absent", "-o", "out"), "absent"),
         (("estimate", "-o", "out"), "pass at least one scene"),
         (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),

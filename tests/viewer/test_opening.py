@@ -63,9 +63,6 @@ def test_what_cannot_be_shown_is_named(tmp_path):
         write_pfm(tmp_path / name / "disparity.pfm", np.zeros((4, 5), np.float32))
     with pytest.raises(InputError, match=r"2 scenes \(a, b\)"):
         read_scene([tmp_path])
-    np.save(tmp_path / "a/confidence.npy", np.zeros((5, 4), np.float32))
-    with pytest.raises(InputError, match="estimate again"):
-        read_scene([tmp_path / "a"])
 
 
 def test_an_estimate_opens_itself_next_to_others(light_field, estimate):
