@@ -22,6 +22,7 @@ from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_or
 from occjax.io.consistency import most_consistent
 from occjax.io.files import decoder_errors, decoding, file_size
 from occjax.io.limits import ReadLimits
+from occjax.io.matlab import read_mat_arrays
 from occjax.io.mosaics import repeated_tiles, split_tiles
 from occjax.io.naming import GridWarning
 from occjax.io.old_hci import old_hci_camera, old_hci_disparity
@@ -29,11 +30,6 @@ from occjax.lightfield import LightField
 
 CONTAINER_SUFFIXES = (".h5", ".hdf5", ".mat")
 """Suffixes of the files, in lower case."""
-
-_MATLAB_BYTES = {"double": 8, "single": 4, "logical": 1} | {
-    f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 32, 64)
-}
-"""Bytes per number of the numeric classes of MATLAB."""
 
 KNOWN_KEYS = ("LF", "Hr_SAI_y")
 """Names of the views in the old HCI benchmark and in sets for super-resolution."""
@@ -82,7 +78,11 @@ def read_container(
     """
     path = Path(path)
     if path.suffix.lower() == ".mat" and not _is_hdf5(path):
-        return _read_light_field(path, _old_mat_arrays(path), {}, key, grid)
+        arrays = {
+            name: StoredArray(array.shape, partial(np.asarray, array))
+            for name, array in read_mat_arrays(path).items()
+        }
+        return _read_light_field(path, arrays, {}, key, grid)
     try:
         import h5py
     except ImportError as error:
@@ -132,25 +132,6 @@ def _is_hdf5(path: Path) -> bool:
     with decoding(path, "a MATLAB file", max_bytes=math.inf) as file:
         start = file.read(520)
     return b"\x89HDF\r\n\x1a\n" in (start[:8], start[512:])
-
-
-def _old_mat_arrays(path: Path) -> dict[str, StoredArray]:
-    """Return the arrays of a ``.mat`` file of a version before 7.3."""
-    import scipy.io
-
-    with decoding(path, "a MATLAB file") as file:
-        claimed = {
-            name: math.prod(shape) * _MATLAB_BYTES[kind]
-            for name, shape, kind in scipy.io.whosmat(file)
-            if kind in _MATLAB_BYTES
-        }
-        ReadLimits.current().check_bytes(path, sum(claimed.values()), file_size(file))
-        arrays = scipy.io.loadmat(file, variable_names=list(claimed))
-    return {
-        name: StoredArray(arrays[name].shape, partial(np.asarray, arrays[name]))
-        for name in claimed
-        if arrays[name].dtype.kind in "biuf"
-    }
 
 
 def _read_light_field(

@@ -28,13 +28,14 @@ from occjax.data.samples import numpy_sample
 from occjax.errors import InputError
 from occjax.evaluation.scene_files import read_mask, read_seconds
 from occjax.io import read_arrays, read_image, read_map, read_pfm, write_map, write_pfm
+from occjax.io.arrays import check_ground_truth
 from occjax.io.containers import read_container
 from occjax.io.folders import read_folder
 from occjax.io.gantry import gantry_grid
-from occjax.io.hci_config import read_hci_config
 from occjax.io.maps import Map
 from occjax.io.mosaics import read_mosaic
 from occjax.io.naming import find_views
+from occjax.io.positions import read_positions
 from occjax.io.run_folder import open_run_folder
 from occjax.models.config_json import config_to_json
 from occjax.models.occcasnet import keras_weights
@@ -252,6 +253,7 @@ NAMES = [
     [f"out_{v:02d}_{u:02d}_{v}.5_{u}.5_.png" for v, u in np.ndindex(3, 3)],
     [f"view {v + 1},{u - 1} of 9.jpg" for v, u in np.ndindex(3, 3)],
 ]
+_, NAMED = find_views("folder", NAMES[0], grid=(3, 3))
 SUMMARY = {"calibration": {**CAMERA, "focus_distance_m": None}, "seconds": {"run": 1.5}}
 LOG = [{"kind": "train", "step": 50 * n, "loss": 0.3, "badpix": None} for n in range(5)]
 
@@ -354,27 +356,23 @@ READERS = (
         # Names of rows and columns: whether views are numbered row by row is found by JAX.
         folder=lambda folder: save_views(folder, VIEWS, lambda v, u: f"{v}_{u}.png"),
     ),
-    Reader("parameters.cfg", "parameters.cfg", read_hci_config, (CONFIG.encode(),)),
     Reader(
-        "folder, positions.csv",
         "positions.csv",
-        of_folder(read_folder),
-        (b"row,column\n" + b"".join(b"%d,%.1f\n" % index for index in np.ndindex(1, 3)),),
-        folder=scene,
+        "positions.csv",
+        of_folder(read_positions, NAMED),
+        (b"row,column\n" + b"".join(b"%d,%.1f\n" % index for index in np.ndindex(3, 3)),),
     ),
     Reader(
-        "folder, positions.npy",
         "positions.npy",
-        of_folder(read_folder),
-        (npy(np.stack(np.mgrid[:1, :3], axis=-1) * 1.5),),
-        folder=scene,
+        "positions.npy",
+        of_folder(read_positions, NAMED),
+        (npy(np.stack(np.mgrid[:3, :3], axis=-1) * 1.5),),
     ),
     Reader(
-        "folder, ground truth",
+        "ground truth",
         "gt_disp_lowres.pfm",
-        of_folder(read_folder),
+        lambda path: check_ground_truth(path, read_pfm(path), (8, 10)),
         (written("a.pfm", lambda path: write_pfm(path, np.zeros((8, 10)))),),
-        folder=scene,
     ),
     Reader(
         "quilt",

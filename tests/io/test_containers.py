@@ -9,6 +9,7 @@ import scipy.io
 
 from occjax.errors import InputError
 from occjax.io import GridWarning, join_tiles, load, read_pfm
+from occjax.io.matlab import read_mat_arrays
 from tests.io.scenes import two_planes
 
 VIEWS = np.round(two_planes((3, 5), (40, 48))[0] * 255).astype(np.uint8)
@@ -143,3 +144,16 @@ def test_a_missing_h5py_is_reported_with_the_install_command(tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match=r"buddha\.h5.*pip install 'occjax\[published\]'"):
         load(tmp_path / "buddha.h5")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_numeric_arrays_of_mat_files_are_those_that_scipy_reads(tmp_path, compressed):
+    kinds = (*(f"{sign}{size}" for sign in "iu" for size in (1, 2, 4, 8)), "f4", "f8", "?")
+    arrays = {f"a{n}": (VIEWS[..., 0] % 99).astype(kind) for n, kind in enumerate(kinds)}
+    others = {"text": "a", "complex": np.eye(2) * 1j, "structure": {"x": 1}}
+    scipy.io.savemat(tmp_path / "a.mat", arrays | others, do_compression=compressed)
+    expected, found = scipy.io.loadmat(tmp_path / "a.mat"), read_mat_arrays(tmp_path / "a.mat")
+    assert set(found) == set(arrays)
+    for name, array in found.items():
+        assert array.dtype == expected[name].dtype
+        np.testing.assert_array_equal(array, expected[name])
