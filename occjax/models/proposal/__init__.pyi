@@ -3,6 +3,7 @@ from .config import (
     CostConfig as CostConfig,
     ExposureConfig as ExposureConfig,
     NoiseConfig as NoiseConfig,
+    PlanarConfig as PlanarConfig,
     ProposalConfig as ProposalConfig,
     ProposalsConfig as ProposalsConfig,
     RefinementConfig as RefinementConfig,

@@ -1,7 +1,7 @@
 """Configuration of ProposalNet and of the training-free estimator.
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
-data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection.
+data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection, planar surfaces.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalConfig.reach``.
@@ -198,6 +198,49 @@ class SelectorConfig:
 
 
 @dataclass(frozen=True)
+class PlanarConfig:
+    """Planes of large planar surfaces, fitted to the selected disparity.
+
+    Attributes:
+        deviation: Expected deviation of a pixel on well-textured surfaces from the plane.
+        noise_factor: Factor on the variance of the disparity of a pixel that is added to it.
+        max_deviation: Largest expected deviation.
+        samples: Samples of the disparity along the longer side of the image.
+        seed_step: Spacing of the seeds of planes, in samples.
+        radii: Radii of the neighbourhood from which a plane grows, in samples.
+        steps: Steps of robust least squares with each radius.
+        first_tolerance: Deviation, in expected deviations, that reduces the weight of a pixel by
+            ``exp(-1 / 2)`` in the first steps.
+        tolerance: Deviation, in expected deviations, within which a pixel belongs to a plane.
+        border: Factor on the tolerance; pixels within it count as the border of a plane.
+        min_isolation: Smallest fraction of the pixels on and around a plane, including its border,
+            that belong to it. The border of a plane that touches a curved surface is large.
+        max_planes: Largest number of planes.
+        min_area: Smallest area of a plane, as a fraction of the image.
+        window_radius_px: Radius of the window in which the pixels of a plane are counted.
+        min_window_isolation: The smallest isolation in this window.
+        min_density: Smallest fraction of the pixels in this window that belong to the plane.
+    """
+
+    deviation: float = 0.01
+    noise_factor: float = 2.0
+    max_deviation: float = 0.05
+    samples: int = 64
+    seed_step: int = 4
+    radii: tuple[float, ...] = (3.0, 9.0, 27.0, 81.0)
+    steps: int = 2
+    first_tolerance: float = 3.0
+    tolerance: float = 2.0
+    border: float = 3.0
+    min_isolation: float = 0.7
+    max_planes: int = 24
+    min_area: float = 0.005
+    window_radius_px: int = 16
+    min_window_isolation: float = 0.5
+    min_density: float = 0.3
+
+
+@dataclass(frozen=True)
 class ProposalConfig:
     """ProposalNet, or with ``selector=None`` the training-free estimator.
 
@@ -209,6 +252,7 @@ class ProposalConfig:
         refinement: Sub-pixel refinement.
         proposals: Proposals and their costs.
         selector: Learned selection; None skips proposals and selection.
+        planar: Planes of large planar surfaces; None keeps the selected disparity.
         views: Views of a grid that are compared with the centre view. The two outermost views in
             eight directions carry most of the information.
         reach: Largest view offset that every arrangement of views is scaled to, in view steps. A
@@ -223,6 +267,7 @@ class ProposalConfig:
     refinement: RefinementConfig = RefinementConfig()
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
+    planar: PlanarConfig | None = PlanarConfig()
     views: Arrangement = "outer_star"
     reach: float = 4.0
     max_candidates: int = 1024
@@ -252,6 +297,7 @@ PRESETS: dict[str, ProposalConfig] = {
             context_radius_px=0.0,
         ),
         selector=None,
+        planar=None,
         views="all",
     ),
 }

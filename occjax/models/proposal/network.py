@@ -23,7 +23,8 @@ from occjax.models.proposal.aperture import SECTORS
 from occjax.models.proposal.config import ProposalConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.models.proposal.filters import median_filter
-from occjax.models.proposal.planes import refine
+from occjax.models.proposal.planar import flatten_planar_surfaces
+from occjax.models.proposal.planes import Refined, refine
 from occjax.models.proposal.proposals import ProposalCosts, Proposals, propose
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
@@ -131,21 +132,25 @@ class ProposalNet(nn.Module):
         deviation = at_search.standard_deviation
         if self.config.search.downsampling == 2:
             certainty, deviation = upsample2x(certainty), upsample2x(deviation)
-        selection, disparity = None, refined
+        selection, disparity = None, refined.disparity
         if self.config.selector is not None:
-            selection = self.select(propose(grey, searched, refined, candidates, self.config))
+            selection = self.select(
+                propose(grey, searched, refined.disparity, candidates, self.config)
+            )
             # A single pixel that differs from all its neighbours is more often wrong than correct.
             disparity = median_filter(selection.disparity)
             # The selection cannot know that the search missed a surface: the lower one counts.
             certainty = jnp.minimum(certainty, _selection_confidence(selection, self.config))
             change = selection.proposed - selection.disparity[None]
             deviation = confidence(selection.probabilities, change).standard_deviation
-        output = ProposalOutput(disparity, coarse, refined, certainty, deviation, selection)
+        if self.config.planar is not None:
+            disparity = flatten_planar_surfaces(disparity, refined.information, self.config.planar)
+        output = ProposalOutput(disparity, coarse, refined.disparity, certainty, deviation, selection)
         return _in_original_units(output, scale, height, width)
 
     def search_and_refine(
         self, grey: GreyViews, candidates: Float[Array, " d"]
-    ) -> tuple[SearchResult, Float[Array, "h w"], Float[Array, "h w"]]:
+    ) -> tuple[SearchResult, Float[Array, "h w"], Refined]:
         """Run the training-free steps.
 
         Args:
@@ -153,8 +158,8 @@ class ProposalNet(nn.Module):
             candidates: ``[d]`` disparities to search at the configured reach.
 
         Returns:
-            Result of the search, ``[h, w]`` its disparity at full resolution, and ``[h, w]`` the
-            refined disparity.
+            Result of the search, ``[h, w]`` its disparity at full resolution, and the refined
+            disparity.
         """
         searched = search(grey, candidates, self.config)
         coarse, refined = refine(grey, searched, candidates, self.config)
@@ -174,7 +179,7 @@ class ProposalNet(nn.Module):
         height, width = views.shape[2:]
         grey, candidates, _ = self.normalise(views, None, offsets, multiple=2)
         searched, _, refined = self.search_and_refine(grey, candidates)
-        proposals = propose(grey, searched, refined, candidates, self.config)
+        proposals = propose(grey, searched, refined.disparity, candidates, self.config)
         return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
 
     def select(self, proposals: Proposals) -> Selection:

@@ -13,6 +13,8 @@ textured pixels determine their untextured neighbours, up to the edges of image 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -32,9 +34,22 @@ from occjax.models.proposal.search import GreyViews, SearchResult, candidate_spa
 from occjax.ops.sampling import as_images
 
 
+class Refined(NamedTuple):
+    """Refined disparity map.
+
+    Attributes:
+        disparity: ``[h, w]`` disparity, pixels per view step.
+        information: ``[h, w]`` inverse variance of the disparity of each pixel by itself, before
+            planes are fitted; zero without a step.
+    """
+
+    disparity: Float[Array, "h w"]
+    information: Float[Array, "h w"]
+
+
 def refine(
     grey: GreyViews, searched: SearchResult, candidates: Float[Array, " d"], config: ProposalConfig
-) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+) -> tuple[Float[Array, "h w"], Refined]:
     """Refine the result of the search at full resolution.
 
     Args:
@@ -44,7 +59,7 @@ def refine(
         config: All settings.
 
     Returns:
-        ``[h, w]`` disparity before the refinement (median-filtered) and ``[h, w]`` after it.
+        ``[h, w]`` disparity before the refinement (median-filtered), and the refined disparity.
     """
     coarse = median_filter(searched.disparity)
     if config.search.downsampling == 2:
@@ -69,7 +84,7 @@ def refine_disparity(
     *,
     max_step: Float[Array, ""] | float,
     offsets: Float[Array, "v u 2"] | None = None,
-) -> Float[Array, "h w"]:
+) -> Refined:
     """Refine a disparity map by information-weighted planes through Lucas-Kanade steps.
 
     The weight of a view, ``w_k = exp(-r^2 / noise)`` with r^2 the mean of squared residuals in a
@@ -86,7 +101,7 @@ def refine_disparity(
             grid by default.
 
     Returns:
-        ``[h, w]`` refined disparity.
+        Refined disparity and its information.
 
     Raises:
         InputError: If there is only one view, or for integer features.
@@ -96,7 +111,7 @@ def refine_disparity(
         >>> views = jnp.stack([ramp - 1.0, ramp, ramp + 1.0])[None]  # disparity 1
         >>> start, guide = jnp.full((8, 8), 0.95), jnp.zeros((8, 8))
         >>> refined = refine_disparity(views, start, guide, RefinementConfig(), max_step=0.1)
-        >>> round(float(refined[4, 4]), 2)
+        >>> round(float(refined.disparity[4, 4]), 2)
         1.0
     """
     features = as_images(features, "v u h w c", "features")
@@ -116,7 +131,8 @@ def refine_disparity(
         differences = [plane - here for plane, here in zip(warped, centre, strict=True)]
         return differences, box_filter(sum(map(jnp.square, differences), zero), 1)
 
-    def step(disparity, _):
+    def step(refined, _):
+        disparity = refined.disparity
         near = jax.lax.map(
             lambda view: residual(*view, disparity)[1], (stack[nearest], nearest_offsets)
         )
@@ -143,9 +159,9 @@ def refine_disparity(
         edges = jnp.stack([smooth_guide / config.guide_edge, disparity / config.disparity_edge])
         weights = information + 0.01 * prior
         planes = fit_planes(disparity + update, weights, edges, radius=config.radius_px)
-        return planes, None
+        return Refined(planes, (information + prior) / noise), None
 
-    return jax.lax.scan(step, disparity, None, length=config.steps)[0]
+    return jax.lax.scan(step, Refined(disparity, zero), None, length=config.steps)[0]
 
 
 def refinement_features(

@@ -27,7 +27,7 @@ def slanted():
 
 def test_disturbed_slanted_plane_is_restored(slanted):
     views, truth, start = slanted
-    found = refined(views, start, jnp.zeros((20, 24)), config=CONFIG)
+    found = refined(views, start, jnp.zeros((20, 24)), config=CONFIG).disparity
     error = np.abs(found - truth)[3:-3, 3:-3]  # before: mean 0.05, maximum 0.1
     assert error.mean() < 0.01
     assert error.max() < 0.06
@@ -39,13 +39,14 @@ def test_texture_determines_a_blank_neighbourhood(slanted):
     seen = np.arange(24) + truth * np.arange(-1, 2)[:, None, None]
     blank = jnp.asarray(np.abs(seen - 12) < 4)[None, ..., None]
     found = refined(jnp.where(blank, 0.5, views), start, jnp.zeros((20, 24)), config=CONFIG)
-    assert np.abs(found - truth)[3:-3, 10:15].mean() < 0.02
+    assert np.abs(found.disparity - truth)[3:-3, 10:15].mean() < 0.02
 
 
 def test_zero_steps_return_the_map(slanted):
     views, _, start = slanted
     found = refined(views, start, views[1, 1, ..., 0], config=RefinementConfig(steps=0))
-    np.testing.assert_array_equal(found, start)
+    np.testing.assert_array_equal(found.disparity, start)
+    np.testing.assert_array_equal(found.information, 0.0)
 
 
 @pytest.mark.slow
@@ -53,7 +54,9 @@ def test_gradients_are_finite_where_all_views_are_equal():
     views = jnp.full((3, 3, 20, 24, 1), 0.5)
 
     def total(views, disparity):
-        return refine_disparity(views, disparity, views[1, 1, ..., 0], CONFIG, max_step=0.1).sum()
+        guide = views[1, 1, ..., 0]
+        refined = refine_disparity(views, disparity, guide, CONFIG, max_step=0.1)
+        return refined.disparity.sum()
 
     gradients = jax.jit(jax.grad(total, argnums=(0, 1)))(views, jnp.zeros((20, 24)))
     assert all(bool(jnp.isfinite(gradient).all()) for gradient in gradients)
@@ -78,7 +81,7 @@ def test_grey_helps_where_noise_hides_the_derivatives():
     features = refinement_features(views, jnp.float32(deviation), NO_EDGES)
     start, guide = jnp.full((64, 64), disparity + 0.1), jnp.zeros((64, 64))
     with_grey, without = (
-        jnp.abs(refined(each, start, guide, config=NO_EDGES) - disparity)[8:-8, 8:-8].mean()
+        jnp.abs(refined(each, start, guide, config=NO_EDGES).disparity - disparity)[8:-8, 8:-8].mean()
         for each in (features, features.at[..., 2].set(0.0))
     )
     assert with_grey < 0.5 * without
