@@ -173,15 +173,15 @@ def declared_orientation(order: str, flip: str) -> Orientation:
 
 
 def straightened(grid: np.ndarray) -> np.ndarray:
-    """Return a copy of an array ``[V, U, ...]`` with every second row of the grid reversed.
+    """Return a copy of a grid in which every second row is reversed.
 
     It puts views in serpentine order into rows that all run from left to right, and back.
 
     Args:
-        grid: ``[V, U, ...]`` anything of the views.
+        grid: ``[V, U, ...]`` one item for each view.
 
     Returns:
-        ``[V, U, ...]`` the copy.
+        ``[V, U, ...]`` the same items.
 
     Example:
         >>> straightened(np.arange(6).reshape(2, 3)).tolist()
