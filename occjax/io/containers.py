@@ -20,8 +20,8 @@ from occjax.errors import InputError, nearest
 from occjax.io.arrays import check_views
 from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order
 from occjax.io.consistency import most_consistent
-from occjax.io.files import decoder_errors, decoding, file_size
-from occjax.io.limits import ReadLimits
+from occjax.io.files import decoder_errors, decoding
+from occjax.io.hdf5 import check_heaps, read_dataset
 from occjax.io.matlab import read_mat_arrays
 from occjax.io.mosaics import repeated_tiles, split_tiles
 from occjax.io.naming import GridWarning
@@ -89,7 +89,8 @@ def read_container(
         raise InputError(
             f"{path}: reading HDF5 needs h5py; run pip install 'occjax[published]'"
         ) from error
-    with decoding(path, "an HDF5 file", max_bytes=math.inf):
+    with decoding(path, "an HDF5 file", max_bytes=math.inf) as opened:
+        check_heaps(opened)
         file = h5py.File(path, "r")
     with file:
         found: dict[str, StoredArray] = {}
@@ -106,25 +107,6 @@ def read_container(
             file.visititems(add)
             attributes = dict(file.attrs)
         return _read_light_field(path, found, attributes, key, grid)
-
-
-def read_dataset(path: Path, stored: Any) -> np.ndarray:
-    """Read an array of an HDF5 file, after a check of its size.
-
-    Args:
-        path: File, for messages.
-        stored: The ``h5py.Dataset``.
-
-    Raises:
-        InputError: If the array is damaged, too large, or stored in another file.
-    """
-    with decoding(path, "an HDF5 file", max_bytes=math.inf) as file:
-        if stored.external or stored.is_virtual:
-            raise ValueError(f"{stored.name} is stored in another file")
-        largest = max(math.prod(stored.shape), math.prod(stored.chunks or ()))
-        count = largest * stored.dtype.itemsize
-        ReadLimits.current().check_bytes(path, count, file_size(file))
-        return np.asarray(stored)
 
 
 def _is_hdf5(path: Path) -> bool:

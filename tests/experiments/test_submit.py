@@ -115,7 +115,7 @@ def nine_by_nine(v, u):
         (("make", "--small", "-o", "one.zip", "--scenes"), "--scenes has no names"),
         (("make", "--small", "-o", "one.zip", "--model", "occcasnet"), "needs weights"),
         (("make", *TRIAL, "-o", "mine.zip"), "mine: exists with other content"),
-        (("make", *TRIAL, "-o", "made.zip"), "made: was made with another model"),
+        (("make", *TRIAL, "-o", "made.zip"), "made/settings.json: cannot be decoded"),
         (("validate", "nowhere.zip"), "nowhere.zip: there is no such file"),
     ],
 )

@@ -144,6 +144,21 @@ def test_arrays_in_other_files_are_refused(tmp_path):
         read_container(tmp_path / "a.h5")
 
 
+def test_a_heap_with_an_object_of_no_size_is_refused(tmp_path):
+    """The HDF5 library does not end on it."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["LF"] = VIEWS
+        file["LF"].attrs["axes"] = "v:u:y:x:c"  # of variable length
+    data = path.read_bytes()
+    first = data.index(b"GCOL") + 16
+    rest = first + 32  # after the text, which takes 16 + 16 bytes
+    assert struct.unpack_from("<H6xQ", data, rest) == (0, 4096 - 48)
+    path.write_bytes(data[: rest + 8] + bytes(8) + data[rest + 16 :])
+    with pytest.raises(InputError, match="an object of a heap has an impossible size"):
+        read_container(path)
+
+
 def pipe(path):
     os.mkfifo(path)
 

@@ -13,8 +13,8 @@ import numpy as np
 from flax import traverse_util
 
 from occjax.errors import InputError
-from occjax.io.containers import read_dataset
 from occjax.io.files import decoding
+from occjax.io.hdf5 import check_heaps, read_dataset
 from occjax.models.occcasnet.config import OccCasNetConfig
 from occjax.models.occcasnet.network import variable_shapes
 
@@ -85,7 +85,8 @@ def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
         raise InputError(
             f"{path}: reading HDF5 weights needs h5py: pip install 'occjax[published]'"
         ) from error
-    with decoding(path, "an HDF5 file of weights"), h5py.File(path, "r") as file:
+    with decoding(path, "an HDF5 file of weights") as opened, h5py.File(path, "r") as file:
+        check_heaps(opened)
         stored = {"": file}  # without links, which may lead to other files
         file.visititems(stored.__setitem__)
         root = "model_weights/" if "model_weights" in stored else ""
