@@ -339,7 +339,9 @@ def _description(
     return {
         "version": occjax.__version__,
         "pools": [read_description(Path(pool) / DESCRIPTION) for pool in pools],
-        "network": json.loads(config_to_json(dataclasses.replace(network, selector=None))),
+        "network": json.loads(
+            config_to_json(dataclasses.replace(network, selector=None, planar=None))
+        ),
         "seed": seed,
         "augmentation": {name: getattr(augmentation, name) for name in varied},
     }

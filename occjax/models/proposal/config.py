@@ -1,7 +1,8 @@
 """Configuration of ProposalNet and of the training-free estimator.
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
-data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection, planar surfaces.
+data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection,
+planar surfaces.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalConfig.reach``.
@@ -215,10 +216,11 @@ class PlanarConfig:
         border: Factor on the tolerance; pixels within it count as the border of a plane.
         min_isolation: Smallest fraction of the pixels on and around a plane, including its border,
             that belong to it. The border of a plane that touches a curved surface is large.
+        max_curvature: Largest fraction of the variance of the deviations from a plane that a
+            quadratic function explains. It is large where the surface is gently curved.
         max_planes: Largest number of planes.
         min_area: Smallest area of a plane, as a fraction of the image.
         window_radius_px: Radius of the window in which the pixels of a plane are counted.
-        min_window_isolation: The smallest isolation in this window.
         min_density: Smallest fraction of the pixels in this window that belong to the plane.
     """
 
@@ -233,10 +235,10 @@ class PlanarConfig:
     tolerance: float = 2.0
     border: float = 3.0
     min_isolation: float = 0.7
+    max_curvature: float = 0.3
     max_planes: int = 24
     min_area: float = 0.005
     window_radius_px: int = 16
-    min_window_isolation: float = 0.5
     min_density: float = 0.3
 
 

@@ -145,7 +145,9 @@ class ProposalNet(nn.Module):
             deviation = confidence(selection.probabilities, change).standard_deviation
         if self.config.planar is not None:
             disparity = flatten_planar_surfaces(disparity, refined.information, self.config.planar)
-        output = ProposalOutput(disparity, coarse, refined.disparity, certainty, deviation, selection)
+        output = ProposalOutput(
+            disparity, coarse, refined.disparity, certainty, deviation, selection
+        )
         return _in_original_units(output, scale, height, width)
 
     def search_and_refine(

@@ -6,9 +6,9 @@ by one or two hundredths of a pixel, at every spatial frequency. No comparison o
 that region can remove it. A plane that is fitted to the whole surface averages it.
 
 Planes start at a grid of seeds and grow: weighted least squares, in which a pixel counts the less
-the larger its deviation from the plane is, with increasing radii. Only a plane whose border is
-sharp is used: around a tangential plane of a curved surface are many pixels that deviate a little,
-around a planar surface are almost none.
+the larger its deviation from the plane is, with increasing radii. Two tests reject the tangential
+planes of curved surfaces. Around them are many pixels that deviate a little, around a planar
+surface almost none. And a quadratic function explains most of their deviations.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def flatten_planar_surfaces(
 ) -> Float[Array, "h w"]:
     """Replace the disparity of pixels on large planar surfaces by that of the plane.
 
-    A pixel belongs to a plane if it deviates little from it and if, of the pixels around it, many
-    deviate little and few deviate somewhat more. All other pixels keep their disparity.
+    A pixel belongs to a plane if it and enough of the pixels around it deviate little from the
+    plane. All other pixels keep their disparity.
 
     Args:
         disparity: ``[h, w]`` disparity map, in pixels per view step.
@@ -71,10 +71,9 @@ def flatten_planar_surfaces(
         value = jnp.tensordot(coefficients, positions, 1)
         distance = jnp.abs(disparity - value) / deviation
         near = distance < config.tolerance
-        around = jnp.stack([near, distance < config.border * config.tolerance])
-        density, with_border = box_filter(around.astype(value.dtype), config.window_radius_px)
-        belongs = near & free & (area >= config.min_area * disparity.size) & (density > config.min_density)
-        belongs &= density > config.min_window_isolation * with_border
+        density = box_filter(near.astype(value.dtype), config.window_radius_px)
+        belongs = near & free & (density > config.min_density)
+        belongs &= area >= config.min_area * disparity.size
         return (jnp.where(belongs, value, result), free & ~belongs), None
 
     start = (disparity, jnp.ones(disparity.shape, bool))
@@ -177,8 +176,30 @@ def find_planes(
         (surrounding & (distance(planes) < limit)).sum(1, dtype=values.dtype)
         for limit in (config.tolerance, config.border * config.tolerance)
     )
-    isolated = inside > config.min_isolation * with_border
-    return Planes(planes, jnp.where(isolated, area * spacing**2, 0.0))
+    used = inside > config.min_isolation * with_border
+    residuals = values[None] - planes @ positions
+    used &= _quadratic_fraction(surface * weights, positions, residuals) < config.max_curvature
+    return Planes(planes, jnp.where(used, area * spacing**2, 0.0))
+
+
+def _quadratic_fraction(
+    weights: Float[Array, "k n"], positions: Float[Array, "3 n"], residuals: Float[Array, "k n"]
+) -> Float[Array, " k"]:
+    """Return the fraction of the variance of residuals that a quadratic function explains."""
+    # Residuals of other surfaces must not decide.
+    residuals = jnp.clip(residuals, -0.1, 0.1)
+    weights = weights / jnp.maximum(weights.sum(1, keepdims=True), 1e-9)
+    x, y = positions[1:, None] - (weights @ positions[1:].T).T[..., None]
+    terms = jnp.stack([jnp.ones_like(x), x, y, x * x, x * y, y * y], 1)
+    scale = jnp.sqrt(jnp.einsum("kn,kin->ki", weights, jnp.square(terms))) + 1e-6
+    terms = terms / scale[..., None]
+    weighted = terms * weights[:, None]
+    products = jnp.einsum("kin,kjn->kij", weighted, terms, precision="highest")
+    target = jnp.einsum("kin,kn->ki", weighted, residuals, precision="highest")
+    ridge = 1e-4 * jnp.eye(6, dtype=products.dtype)[None]
+    solution = jnp.linalg.solve(products + ridge, target[..., None])[..., 0]
+    explained = (weights * jnp.square(jnp.einsum("ki,kin->kn", solution, terms))).sum(1)
+    return explained / jnp.maximum((weights * jnp.square(residuals)).sum(1), 1e-12)
 
 
 def _positions(shape: tuple[int, ...]) -> Float[Array, "3 h w"]:

@@ -81,7 +81,9 @@ def test_grey_helps_where_noise_hides_the_derivatives():
     features = refinement_features(views, jnp.float32(deviation), NO_EDGES)
     start, guide = jnp.full((64, 64), disparity + 0.1), jnp.zeros((64, 64))
     with_grey, without = (
-        jnp.abs(refined(each, start, guide, config=NO_EDGES).disparity - disparity)[8:-8, 8:-8].mean()
+        jnp.abs(refined(each, start, guide, config=NO_EDGES).disparity - disparity)[
+            8:-8, 8:-8
+        ].mean()
         for each in (features, features.at[..., 2].set(0.0))
     )
     assert with_grey < 0.5 * without
