@@ -16,7 +16,13 @@ from occjax.data.augmentation import AugmentationConfig
 from occjax.data.published_augmentation import published_sample
 from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import Source, augment_for_step, check_batch_size
+from occjax.data.sources import (
+    ALL_ROWS,
+    Source,
+    augment_for_step,
+    check_batch_size,
+    sample_numbers,
+)
 from occjax.errors import InputError
 
 MAX_PATCHES = 2**40
@@ -52,7 +58,12 @@ def folder_source(
         raise InputError("there are no scenes to draw patches from")
     draw = partial(_random_window, scenes, augmentation)
     windows = _grain_batches(draw, batch_size, seed, threads)
-    return lambda step: augment_for_step(to_device(windows(step)), augmentation, seed, step)
+
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        batch = to_device(windows(step, rows))
+        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
+
+    return source
 
 
 def published_source(
@@ -78,7 +89,7 @@ def published_source(
     check_batch_size(batch_size)
     draw = partial(published_sample, scenes=scenes)
     batches = _grain_batches(draw, batch_size, seed, threads)
-    return lambda step: to_device(batches(step))
+    return lambda step, rows=ALL_ROWS, /: to_device(batches(step, rows))
 
 
 def _grain_batches(
@@ -86,11 +97,11 @@ def _grain_batches(
     batch_size: int,
     seed: int,
     threads: int,
-) -> Callable[[int], LightFieldSample]:
-    """Return a function from the step to its batch of samples from ``draw``.
+) -> Callable[[int, slice], LightFieldSample]:
+    """Return a function from the step and rows to the samples from ``draw`` in these rows.
 
-    Threads prepare consecutive steps ahead, two batches each. Any other step can be requested;
-    preparation then continues from there.
+    Threads prepare the same rows of consecutive steps ahead, two batches each. Any other step or
+    rows can be requested; preparation then continues from there.
     """
     try:
         import grain
@@ -100,19 +111,25 @@ def _grain_batches(
         raise InputError(f"seed is {seed}; it must be between 0 and 2^32 - 1")
     samples = grain.MapDataset.range(MAX_PATCHES)
     drawn = samples.random_map(lambda _, generator: draw(generator), seed=seed)
-    batches = drawn.batch(batch_size, batch_fn=stack_samples)
+
+    def batch(step: int, rows: slice) -> LightFieldSample:
+        numbers = sample_numbers(step, rows, batch_size)
+        return stack_samples([drawn[number] for number in numbers])
+
     if threads == 0:
-        return lambda step: batches[step]
+        return batch
+    steps = grain.MapDataset.range(MAX_PATCHES // batch_size)
     options = grain.ReadOptions(num_threads=threads, prefetch_buffer_size=2 * threads)
     iterator: Iterator[LightFieldSample] = iter(())
-    next_step, lock = -1, Lock()
+    following, lock = (-1, ALL_ROWS), Lock()
 
-    def read(step: int) -> LightFieldSample:
-        nonlocal iterator, next_step
+    def read(step: int, rows: slice) -> LightFieldSample:
+        nonlocal iterator, following
         with lock:
-            if step != next_step:
-                iterator = iter(batches[step:].to_iter_dataset(options))
-            next_step = step + 1
+            if (step, rows) != following:
+                batches = steps[step:].map(lambda number: batch(int(number), rows))
+                iterator = iter(batches.to_iter_dataset(options))
+            following = (step + 1, rows)
             return next(iterator)
 
     return read

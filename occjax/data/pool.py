@@ -26,7 +26,13 @@ from occjax.data.samples import (
     stack_samples,
     to_device,
 )
-from occjax.data.sources import Source, augment_for_step, check_batch_size
+from occjax.data.sources import (
+    ALL_ROWS,
+    Source,
+    augment_for_step,
+    check_batch_size,
+    sample_numbers,
+)
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.files import decoding
@@ -111,13 +117,14 @@ def pool_source(
     def order(epoch: int) -> np.ndarray:
         return np.random.default_rng((seed, epoch)).permutation(len(files))
 
-    def source(step: int) -> LightFieldSample:
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
         samples = []
-        for number in range(step * batch_size, (step + 1) * batch_size):
+        for number in sample_numbers(step, rows, batch_size):
             epoch, place = divmod(number, len(files))
             sample = read_sample(files[order(epoch)[place]])
             samples.append(select_views(sample, views))
-        return augment_for_step(to_device(stack_samples(samples)), augmentation, seed, step)
+        batch = to_device(stack_samples(samples))
+        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
 
     return source
 

@@ -24,7 +24,7 @@ import occjax
 from occjax.data.augmentation import AugmentationConfig, random_noise, random_tone
 from occjax.data.pool import DESCRIPTION, light_field_files, read_sample
 from occjax.data.samples import LightFieldSample, select_views, to_device
-from occjax.data.sources import check_batch_size
+from occjax.data.sources import ALL_ROWS, check_batch_size, sample_numbers
 from occjax.data.transforms import Symmetry, transform_images, transform_offsets
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
@@ -143,7 +143,7 @@ def prepared_source(
     *,
     augmentation: AugmentationConfig,
     patches: PatchConfig | None = None,
-) -> Callable[[int], PreparedSample]:
+) -> Callable[..., PreparedSample]:
     """Return a source that goes through pools in random order, in a new order each time.
 
     Tone and noise of a light field are drawn once, before its proposals are computed; patches and
@@ -160,7 +160,8 @@ def prepared_source(
         patches: Choice of the patches.
 
     Returns:
-        Source of batches of :class:`PreparedSample`.
+        Source of batches of :class:`PreparedSample`, or of their rows, see
+        :class:`occjax.data.sources.Source`.
 
     Raises:
         InputError: If the folder contains something else, if a pool is missing or empty, or if the
@@ -190,9 +191,9 @@ def prepared_source(
             write_prepared(path, prepare(key, to_device(sample), network, whole))
         return read_prepared(path)
 
-    def source(step: int) -> PreparedSample:
+    def source(step: int, rows: slice = ALL_ROWS, /) -> PreparedSample:
         samples = []
-        for drawn in range(step * batch_size, (step + 1) * batch_size):
+        for drawn in sample_numbers(step, rows, batch_size):
             epoch, index = divmod(drawn, len(files))
             sample = prepared(int(order(epoch)[index]))
             generator = np.random.default_rng((seed, drawn))

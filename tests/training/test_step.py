@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from occjax.training import cascade_loss, init_state, task_of, train_step
-from occjax.training.step import shardings, state_from_variables
+from occjax.training.placement import make_placement
+from occjax.training.step import state_from_variables
 from tests.reference.variables import random_variables
 
 
