@@ -15,8 +15,9 @@ from occjax.errors import InputError
 from occjax.training.checkpoints import decoding_checkpoint, writing_checkpoint
 from occjax.training.config import TrainConfig
 from occjax.training.hosts import is_first_process
+from occjax.training.placement import make_placement
 from occjax.training.prepared import PackedProposals, PreparedSample
-from occjax.training.step import Batch, TrainState, gradient_of, init_state, train_step
+from occjax.training.step import Batch, TrainState, init_state, train_step
 
 NONFINITE = "nonfinite"
 """Folder of the steps, in the training folder."""
@@ -47,7 +48,10 @@ def keep_step(folder: Path, step: int, state: TrainState, batch: Batch) -> None:
 
 
 def replay_step(config: TrainConfig, folder: str | Path, step: int) -> list[str]:
-    """Repeat a step that training stored, and say where its numbers stop being finite.
+    """Repeat a step that training stored, on one device, and say which numbers are not finite.
+
+    With the environment variable ``JAX_DEBUG_NANS=True``, JAX stops at the operation that gives the
+    first NaN and shows where it is in the code.
 
     Args:
         config: Settings of the training.
@@ -55,7 +59,7 @@ def replay_step(config: TrainConfig, folder: str | Path, step: int) -> list[str]
         step: Number of the step, from 0.
 
     Returns:
-        Lines for the user: the fields of the batch, the parameters and the gradients that are not
+        Lines for the user: the fields of the batch, the parameters and the statistics that are not
         finite, and the metrics of the step.
 
     Raises:
@@ -67,13 +71,11 @@ def replay_step(config: TrainConfig, folder: str | Path, step: int) -> list[str]
         raise InputError(f"{path}: step {step} is not stored; stored are: {stored}")
     with decoding_checkpoint(path):
         state, batch = _load_step(path, config)
-    gradients = jax.jit(gradient_of, static_argnames="config")(state, batch, config=config)[1]
     lines = []
     for title, tree in (
-        ("batch", batch),
+        ("batch", batch._asdict()),
         ("parameter", state.params),
         ("statistic", state.batch_stats),
-        ("gradient", gradients),
     ):
         for place, array in jax.tree_util.tree_leaves_with_path(tree):
             values = np.asarray(array, np.float64)
@@ -81,9 +83,17 @@ def replay_step(config: TrainConfig, folder: str | Path, step: int) -> list[str]
             if wrong:
                 name = jax.tree_util.keystr(place, simple=True, separator="/")
                 lines.append(f"{title} {name}: {wrong} of {values.size} values are not finite")
-    metrics = jax.device_get(train_step(state, batch, config=config)[1])
-    numbers = ", ".join(f"{name} {value:.6g}" for name, value in metrics.items())
+    placement = make_placement(len(batch.valid), devices=1, accumulate=config.accumulate)
+    state, batch = placement.place_state(state), placement.place_batch(batch)
+    metrics = train_step(state, batch, np.int32(step), config=config, placement=placement)[1]
+    numbers = ", ".join(f"{name} {float(value):.6g}" for name, value in metrics.items())
     return [*lines, f"step {step}: {numbers}"]
+
+
+def kept_steps(folder: Path) -> list[int]:
+    """Return the numbers of the stored steps in a folder, in ascending order."""
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    return sorted(int(name) for name in names if name.isdecimal())
 
 
 def _load_step(path: Path, config: TrainConfig) -> tuple[TrainState, Batch]:
@@ -101,9 +111,3 @@ def _load_step(path: Path, config: TrainConfig) -> tuple[TrainState, Batch]:
         like = jax.tree.map(lambda leaf: leaf.update(sharding=device), like)
         restored = checkpointer.restore(path.absolute(), like)
     return restored["state"], restored["batch"]
-
-
-def kept_steps(folder: Path) -> list[int]:
-    """Return the numbers of the stored steps in a folder, in ascending order."""
-    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-    return sorted(int(name) for name in names if name.isdecimal())

@@ -145,7 +145,7 @@ def train_step(
             for step in range(100):
                 state, metrics = train_step(state, source(step), config=tiny.train)
     """
-    (loss, (metrics, batch_stats)), gradients = gradient_of(state, batch, config, placement)
+    (loss, (metrics, batch_stats)), gradients = _gradient(state, batch, config, placement)
     norm = optax.tree.norm(gradients)
     applied = jnp.isfinite(loss) & jnp.isfinite(norm)
     if number is not None:
@@ -165,20 +165,10 @@ def train_step(
     return after, {"loss": loss, **metrics, "gradient_norm": norm, "applied": applied}
 
 
-def gradient_of(
+def _gradient(
     state: TrainState, batch: Batch, config: TrainConfig, placement: Placement | None = None
 ) -> tuple[tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]], dict]:
-    """Compute the loss of a batch and its gradient, see :func:`train_step`.
-
-    Args:
-        state: State before the step.
-        batch: Training examples.
-        config: Settings of the training.
-        placement: Devices that share the batch.
-
-    Returns:
-        The loss with the metrics and the new running statistics, and the gradient.
-    """
+    """Compute the loss of a batch, with the metrics and the new statistics, and its gradient."""
     mesh = None if placement is None else placement.mesh
     errors = task_of(config.network, config.loss, config.precision, mesh=mesh).errors
     if config.rematerialise:
