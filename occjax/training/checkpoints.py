@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import warnings
@@ -153,10 +154,11 @@ def writing_checkpoint(folder: Path) -> Iterator[None]:
         folder: Folder of what is written.
     """
     try:
-        yield
+        with _logged_once(folder):
+            yield
     except InputError:
         raise
-    except (Exception, ExceptionGroup) as error:
+    except Exception as error:
         raise CannotWriteError(folder, _reason(error)) from error
 
 
@@ -168,14 +170,46 @@ def decoding_checkpoint(path: Path) -> Iterator[None]:
         path: Folder of what is read.
     """
     try:
-        yield
+        with _logged_once(path):
+            yield
     except InputError:
         raise
-    except (Exception, ExceptionGroup) as error:
+    except Exception as error:
         raise InputError(
             f"{path}: is not a complete checkpoint of this training ({_reason(error)}); train in "
             "another folder"
         ) from error
+
+
+class _Repeated(logging.Filter):
+    """Drops logged errors about a folder, which are raised as well."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder, self.active = str(folder), True
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        repeated = self.active or self.folder in record.getMessage()
+        return record.levelno < logging.ERROR or not repeated
+
+
+@contextmanager
+def _logged_once(folder: Path) -> Iterator[None]:
+    """Keep Orbax from logging each of its threads' errors, hundreds of lines for a full disk.
+
+    After a failure, errors about the folder are dropped until the end of the process: asyncio logs
+    those of tasks when it removes them.
+    """
+    loggers = [logging.getLogger(name) for name in ("absl", "asyncio")]
+    repeated = _Repeated(folder)
+    for logger in loggers:
+        logger.addFilter(repeated)
+    try:
+        yield
+        for logger in loggers:
+            logger.removeFilter(repeated)
+    finally:
+        repeated.active = False
 
 
 def _reason(error: BaseException) -> str:

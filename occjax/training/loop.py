@@ -130,12 +130,16 @@ def train(
     check_scenes(validation, config.network)
     initial_file = None if initial_weights is None else find_weights(initial_weights)
     say(f"{folder}: preparing the first batch")
-    size = batch_size or source(0).disparity.shape[0]
+    first = None
+    if batch_size is None:
+        first = source(0)
+        batch_size = first.disparity.shape[0]
     placement = make_placement(
-        size, devices=run.devices, accumulate=config.accumulate, shard_state=run.shard_state
+        batch_size, devices=run.devices, accumulate=config.accumulate, shard_state=run.shard_state
     )
-    rows = placement.rows(size)
-    first = source(0) if rows == ALL_ROWS else source(0, rows)
+    rows = placement.rows(batch_size)
+    if first is None:
+        first = source(0) if rows == ALL_ROWS else source(0, rows)
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
     settings = {**dataclasses.asdict(config), **described}
     on_first_process(lambda: open_training_folder(folder, settings))
@@ -261,16 +265,17 @@ class _Steps:
         self, state: TrainState, step: int, batch: Batch
     ) -> tuple[TrainState, dict[str, jax.Array]]:
         """Start a step; compile the first one and tell the user, who sees no progress meanwhile."""
-        run_step = partial(train_step, config=self.config, placement=self.placement)
-        number = np.int32(step)
+        run_step = partial(
+            train_step, config=self.config, number=np.int32(step), placement=self.placement
+        )
         if self._compiled:
-            return run_step(state, batch, number)
+            return run_step(state, batch)
         self._compiled, begin = True, time.monotonic()
         self.say(
             f"{self.folder}: compiling the training step; on a CPU this takes one to several "
             "minutes"
         )
-        result = run_step(state, batch, number)
+        result = run_step(state, batch)
         self.say(f"{self.folder}: compiled in {time.monotonic() - begin:.0f} s")
         return result
 

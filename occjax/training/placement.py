@@ -67,6 +67,8 @@ class Placement:
 
     def place_state(self, state: Any) -> Any:
         """Return a state on all devices, given the same state in every process."""
+        if self.batch.is_fully_addressable:
+            return jax.device_put(state, self.state(state))
 
         def place(array, sharding):
             values = np.asarray(array)

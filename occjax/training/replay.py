@@ -85,7 +85,7 @@ def replay_step(config: TrainConfig, folder: str | Path, step: int) -> list[str]
                 lines.append(f"{title} {name}: {wrong} of {values.size} values are not finite")
     placement = make_placement(len(batch.valid), devices=1, accumulate=config.accumulate)
     state, batch = placement.place_state(state), placement.place_batch(batch)
-    metrics = train_step(state, batch, np.int32(step), config=config, placement=placement)[1]
+    metrics = train_step(state, batch, number=np.int32(step), config=config, placement=placement)[1]
     numbers = ", ".join(f"{name} {float(value):.6g}" for name, value in metrics.items())
     return [*lines, f"step {step}: {numbers}"]
 

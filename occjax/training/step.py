@@ -105,9 +105,9 @@ def state_from_variables(variables: dict, config: TrainConfig) -> TrainState:
 def train_step(
     state: TrainState,
     batch: Batch,
-    number: int | Int[Array, ""] | None = None,
     *,
     config: TrainConfig,
+    number: int | Int[Array, ""] | None = None,
     placement: Placement | None = None,
 ) -> tuple[TrainState, dict[str, Array]]:
     """Update the weights once.
@@ -123,9 +123,9 @@ def train_step(
     Args:
         state: State before the step; its buffers are donated.
         batch: Training examples.
+        config: Settings of the training.
         number: Number of the step. If it is not that of the state, since an earlier step was
             refused, the state is returned unchanged. By default the number of the state.
-        config: Settings of the training.
         placement: Devices that share the batch; None is one device, or leaves it to JAX.
 
     Returns:

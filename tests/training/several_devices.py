@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from itertools import permutations
 from pathlib import Path
 from typing import NamedTuple
@@ -107,17 +108,23 @@ def train_in(arrangement: Arrangement, folder: Path, steps: int, *options: str) 
         return Run(result["losses"], result["weights"], made)
 
 
-def work() -> None:
-    """Train in this process."""
+def work(arguments: Sequence[str] | None = None, devices: int | None = None) -> None:
+    """Train in this process.
+
+    Args:
+        arguments: Arguments of the command; by default those of this process.
+        devices: Number of devices; by default all.
+    """
     parser = argparse.ArgumentParser()
     parser.add_argument("--worker", type=Path)
     parser.add_argument("--steps", type=int)
+    parser.add_argument("--checkpoint-steps", type=int, default=10)
     parser.add_argument("--accumulate", type=int, default=1)
     parser.add_argument("--network", default="occcasnet")
     parser.add_argument("--shard-state", action="store_true")
     for name, kind in (("coordinator", str), ("processes", int), ("process", int)):
         parser.add_argument(f"--{name}", type=kind)
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
 
     from occjax.training.hosts import HostConfig, join_processes
 
@@ -154,7 +161,13 @@ def work() -> None:
         steps=given.steps,
         accumulate=given.accumulate,
     )
-    run = RunConfig(log_every=1, checkpoint_steps=10, shard_state=given.shard_state, prefetch=1)
+    run = RunConfig(
+        log_every=1,
+        checkpoint_steps=given.checkpoint_steps,
+        devices=devices,
+        shard_state=given.shard_state,
+        prefetch=1,
+    )
     weights = given.worker.parent / f"{given.network}.safetensors"
     if not weights.exists():  # random ones take longer to compile than to train
         save_weights(weights, random_variables(config.network), config.network)
@@ -209,10 +222,10 @@ def report() -> None:
                     print_row(network, f"10 steps: {before}; then 10: {after}", run, one)
 
 
-def half_of(finished: Path, folder: Path) -> Path:
-    """Copy the folder of 20 steps as it was after 10 of them."""
+def half_of(finished: Path, folder: Path, last: int = 20) -> Path:
+    """Copy the folder of a training as it was at its checkpoint before the last one."""
     shutil.copytree(finished, folder)
-    shutil.rmtree(folder / "checkpoints" / "20")
+    shutil.rmtree(folder / "checkpoints" / str(last))
     return folder
 
 

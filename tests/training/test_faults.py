@@ -152,7 +152,9 @@ def test_skipped_steps_leave_the_state_as_it_was(begin, six_steps, tmp_path):
             state = state._replace(step=state.step + np.int32(1))
             continue
         batch = placement.place_batch(one_plane(step))
-        state, _ = train_step(state, batch, np.int32(step), config=six_steps, placement=placement)
+        state, _ = train_step(
+            state, batch, config=six_steps, number=np.int32(step), placement=placement
+        )
     assert_same(result.state._replace(step=0), state._replace(step=0))
     assert int(result.state.step) == 6
     skipped = [entry["step"] for entry in read_log(tmp_path) if entry["kind"] == "nonfinite"]

@@ -209,7 +209,9 @@ def test_a_refused_step_changes_nothing(three_steps, six_steps, source, wrong):
     batch, number = source(0), 1
     if wrong == "loss":
         batch, number = batch._replace(views=batch.views * jnp.nan), 0
-    state, metrics = train_step(first_state(six_steps), batch, np.int32(number), config=six_steps)
+    state, metrics = train_step(
+        first_state(six_steps), batch, number=np.int32(number), config=six_steps
+    )
     assert not metrics["applied"]
     assert distance(state, three_steps[0][0]) == 0.0
 
