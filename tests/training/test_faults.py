@@ -6,6 +6,7 @@ import resource
 import shutil
 import signal
 import warnings
+from contextlib import contextmanager
 
 import jax
 import numpy as np
@@ -15,6 +16,7 @@ from occjax.errors import InputError
 from occjax.models import save_weights
 from occjax.training import RunConfig, read_log, train
 from occjax.training.checkpoints import Checkpoints
+from occjax.training.logging import Log
 from occjax.training.placement import make_placement
 from occjax.training.replay import replay_step
 from occjax.training.step import state_from_variables, train_step
@@ -73,6 +75,7 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_it_is_used(trained, be
     assert sorted(path.name for path in (copy / "damaged_checkpoints").iterdir()) == ["6"]
 
 
+@pytest.mark.slow
 def test_whatever_file_of_a_checkpoint_is_cut_or_missing_training_resumes(trained, tmp_path):
     """No other exception comes out, and no wrong state: that of step 6 or, with a warning, 4."""
     result, folder = trained
@@ -105,6 +108,26 @@ def test_without_an_intact_checkpoint_nothing_is_moved(trained, tmp_path):
     with Checkpoints(tmp_path, keep=3) as found, pytest.raises(InputError, match="not a complete"):
         found.restore(result.state)
     assert {path.name for path in (tmp_path / "checkpoints").iterdir()} == {"2", "4", "6"}
+
+
+@contextmanager
+def full_disk():
+    """Let no file grow."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_full_disk_is_named_by_the_writers_of_weights_and_log(six_steps, tmp_path):
+    variables = random_variables(six_steps.network)
+    with Log(tmp_path) as log, full_disk():
+        with pytest.raises(InputError, match=r"weights.safetensors: cannot be written \(file too"):
+            save_weights(tmp_path / "weights.safetensors", variables, six_steps.network)
+        with pytest.raises(InputError, match=r"log.jsonl: cannot be written \(file too large"):
+            log.write("train", 1, {"loss": 1.0})
 
 
 @pytest.mark.parametrize("log_every", [1, 100])
