@@ -15,7 +15,13 @@ import numpy as np
 from occjax.data.config import AugmentationConfig
 from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import Source, augment_for_step, check_batch_size
+from occjax.data.sources import (
+    ALL_ROWS,
+    Source,
+    augment_for_step,
+    check_batch_size,
+    sample_numbers,
+)
 from occjax.errors import InputError
 
 MAX_PATCHES = 2**40
@@ -51,7 +57,12 @@ def folder_source(
         raise InputError("there are no scenes to draw patches from")
     draw = partial(_random_window, scenes, augmentation)
     windows = grain_batches(draw, batch_size, seed, threads)
-    return lambda step: augment_for_step(to_device(windows(step)), augmentation, seed, step)
+
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        batch = to_device(windows(step, rows))
+        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
+
+    return source
 
 
 def grain_batches(
@@ -59,11 +70,11 @@ def grain_batches(
     batch_size: int,
     seed: int,
     threads: int,
-) -> Callable[[int], LightFieldSample]:
-    """Return a function from the step to its batch of random samples.
+) -> Callable[[int, slice], LightFieldSample]:
+    """Return a function from the step and rows to the random samples in these rows of its batch.
 
-    Threads prepare consecutive steps ahead, two batches each. Any other step can be requested;
-    preparation then continues from there.
+    Threads prepare the same rows of consecutive steps ahead, two batches each. Any other step or
+    rows can be requested; preparation then continues from there.
 
     Args:
         draw: Function that draws one sample of NumPy arrays.
@@ -82,19 +93,25 @@ def grain_batches(
         raise InputError(f"seed is {seed}; it must be between 0 and 2^32 - 1")
     samples = grain.MapDataset.range(MAX_PATCHES)
     drawn = samples.random_map(lambda _, generator: draw(generator), seed=seed)
-    batches = drawn.batch(batch_size, batch_fn=stack_samples)
+
+    def batch(step: int, rows: slice) -> LightFieldSample:
+        numbers = sample_numbers(step, rows, batch_size)
+        return stack_samples([drawn[number] for number in numbers])
+
     if threads == 0:
-        return lambda step: batches[step]
+        return batch
+    steps = grain.MapDataset.range(MAX_PATCHES // batch_size)
     options = grain.ReadOptions(num_threads=threads, prefetch_buffer_size=2 * threads)
     iterator: Iterator[LightFieldSample] = iter(())
-    next_step, lock = -1, Lock()
+    following, lock = (-1, ALL_ROWS), Lock()
 
-    def read(step: int) -> LightFieldSample:
-        nonlocal iterator, next_step
+    def read(step: int, rows: slice) -> LightFieldSample:
+        nonlocal iterator, following
         with lock:
-            if step != next_step:
-                iterator = iter(batches[step:].to_iter_dataset(options))
-            next_step = step + 1
+            if (step, rows) != following:
+                batches = steps[step:].map(lambda number: batch(int(number), rows))
+                iterator = iter(batches.to_iter_dataset(options))
+            following = (step + 1, rows)
             return next(iterator)
 
     return read

@@ -28,7 +28,13 @@ from occjax.data.samples import (
     stack_samples,
     to_device,
 )
-from occjax.data.sources import Source, augment_for_step, check_batch_size
+from occjax.data.sources import (
+    ALL_ROWS,
+    Source,
+    augment_for_step,
+    check_batch_size,
+    sample_numbers,
+)
 from occjax.errors import InputError
 from occjax.io.arrays import load_fields
 from occjax.io.atomic import atomic_path
@@ -119,12 +125,13 @@ def pool_source(
 
     item = shuffled(len(files), seed)
 
-    def source(step: int) -> LightFieldSample:
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
         samples = [
-            select_views(read_sample(files[item(draw)]), views)
-            for draw in range(step * batch_size, (step + 1) * batch_size)
+            select_views(read_sample(files[item(number)]), views)
+            for number in sample_numbers(step, rows, batch_size)
         ]
-        return augment_for_step(to_device(stack_samples(samples)), augmentation, seed, step)
+        batch = to_device(stack_samples(samples))
+        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
 
     return source
 

@@ -3,6 +3,10 @@
 A source returns the same batch for the same step, independent of earlier requests. Training that
 resumes at a step therefore sees the batches of an uninterrupted run, and no state is saved. This
 holds for procedural light fields, pools and folders; :func:`mixture` combines sources.
+
+If several processes train together, each asks for its rows of the batch: ``source(step, rows)``
+makes these samples only. They are those of ``source(step)``, so that the batch of a step does not
+depend on the number of processes.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +28,25 @@ from occjax.data.procedural import SceneConfig, generate
 from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
 
-Source = Callable[[int], LightFieldSample]
-"""Returns the batch of a step: a sample with a leading axis on every field."""
+ALL_ROWS = slice(None)
+"""Rows of a batch that a source returns by default."""
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Function from the step to its batch."""
+
+    def __call__(self, step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        """Return the batch of a step, or some of its rows.
+
+        Args:
+            step: Number of the step.
+            rows: Samples of the batch to return.
+
+        Returns:
+            A sample with a leading axis on every field.
+        """
+        ...
 
 
 def procedural_source(
@@ -53,10 +75,11 @@ def procedural_source(
     """
     check_batch_size(batch_size)
 
-    def source(step: int) -> LightFieldSample:
-        root, number = jax.random.key(seed), jnp.uint32(step)
-        batch = _render_batch(root, number, config=config, batch_size=batch_size)
-        return augment_for_step(batch, augmentation, seed, step)
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        root, numbers = jax.random.key(seed), sample_numbers(step, rows, batch_size)
+        first = jnp.uint32(numbers.start % 2**32)
+        batch = _render_batch(root, first, config=config, count=len(numbers))
+        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
 
     return source
 
@@ -74,7 +97,7 @@ def cached_source(
     This is for GPUs, on which rendering a light field takes about as long as a training step with
     it. Views are kept in 8 bits: 16,000 light fields of 9x9 views and 64x64 pixels take 11 GB with
     their visibility. Light field ``i`` is that of :func:`procedural_source`; each step draws its
-    light fields at random.
+    light fields at random. If several processes train together, each renders and keeps all of them.
 
     Args:
         config: The distribution of scenes.
@@ -112,10 +135,10 @@ def cached_source(
             held = _store_batch(held, rendered(step), step)
         return held
 
-    def source(step: int) -> LightFieldSample:
-        drawn = np.random.default_rng((seed, step)).integers(count, size=batch_size)
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        drawn = np.random.default_rng((seed, step)).integers(count, size=batch_size)[rows]
         batch = _gather_samples(kept(), drawn.astype(np.int32))
-        return augment_for_step(batch, augmentation, seed, step)
+        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
 
     return source
 
@@ -145,29 +168,34 @@ def mixture(parts: Mapping[Source, float]) -> Source:
         ...     seen = images >= 0
         ...     offsets, disparity = jnp.zeros((4, 1, 1, 2)), images[:, 0, 0]
         ...     sample = LightFieldSample(images, offsets, disparity, seen, seen[:, 0, 0])
-        ...     return lambda step: sample
+        ...     return lambda step, rows=slice(None): jax.tree.map(lambda x: x[rows], sample)
         >>> source = mixture({constant(0.0): 3.0, constant(1.0): 1.0})
         >>> source(7).disparity[:, 0, 0].tolist()
         [0.0, 0.0, 0.0, 1.0]
+        >>> source(7, slice(2, 4)).disparity[:, 0, 0].tolist()
+        [0.0, 1.0]
     """
     weights = list(parts.values())
     if not weights or not min(weights) >= 0.0 or not 0.0 < sum(weights) < math.inf:
         raise InputError("a mixture needs sources with weights of zero or more, not all zero")
     # A batch serves several steps; with prefetching, more than two batches are in use at a time.
-    streams = [lru_cache(maxsize=4)(source) for source in parts]
+    streams = [lru_cache(maxsize=4)(partial(_read_range, source)) for source in parts]
 
     @lru_cache(maxsize=1)
     def batch_size() -> int:
         largest = weights.index(max(weights))
-        return int(streams[largest](0).disparity.shape[0])
+        return int(streams[largest](0, None).disparity.shape[0])
 
-    def source(step: int) -> LightFieldSample:
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        requested, before = range(batch_size())[rows], 0
+        pieces: list[LightFieldSample] = []
         first, last = (shares(weights, number * batch_size()) for number in (step, step + 1))
-        pieces = [
-            piece
-            for stream, start, stop in zip(streams, first, last, strict=True)
-            for piece in _sample_range(stream, start, stop, batch_size())
-        ]
+        for stream, start, stop in zip(streams, first, last, strict=True):
+            # Rows ``before`` to ``before + stop - start`` of the batch come from this source.
+            skipped = max(requested.start - before, 0)
+            end = min(stop, start + requested.stop - before)
+            pieces += _sample_range(stream, start + skipped, end, batch_size(), len(requested))
+            before += stop - start
         return _concatenate(pieces)
 
     return source
@@ -199,16 +227,51 @@ def shares(weights: Sequence[float], total: int) -> list[int]:
     return [*numbers, left]
 
 
+def sample_numbers(step: int, rows: slice, batch_size: int) -> range:
+    """Return the numbers of the samples in rows of a batch, counted from the first step.
+
+    Args:
+        step: Number of the step.
+        rows: Rows of its batch.
+        batch_size: Samples per step.
+
+    Returns:
+        The numbers; row ``b`` of step ``t`` is sample ``t * batch_size + b``.
+
+    Example:
+        >>> sample_numbers(2, slice(2, 4), 4)
+        range(10, 12)
+    """
+    return range(step * batch_size, (step + 1) * batch_size)[rows]
+
+
 def augment_for_step(
-    batch: LightFieldSample, augmentation: AugmentationConfig | None, seed: int, step: int
+    batch: LightFieldSample,
+    augmentation: AugmentationConfig | None,
+    seed: int,
+    step: int,
+    rows: slice,
+    batch_size: int,
 ) -> LightFieldSample:
-    """Augment a batch with the random keys of a step; without augmentation, return it unchanged."""
+    """Augment rows of a batch with the random keys of a step.
+
+    Args:
+        batch: The samples of the rows.
+        augmentation: Random augmentation; None leaves the batch unchanged.
+        seed: Seed of the source.
+        step: Number of the step.
+        rows: Rows of the batch of the step.
+        batch_size: Samples in the batch of the step.
+
+    Returns:
+        The augmented samples.
+    """
     if augmentation is None:
         return batch
     # The last number keeps these keys apart from those that light fields are rendered with.
     key = jax.random.fold_in(jax.random.key(seed), 2**32 - 1)
-    keys = jax.random.split(jax.random.fold_in(key, step), batch.disparity.shape[0])
-    return augment_batch(keys, batch, augmentation)
+    keys = jax.random.split(jax.random.fold_in(key, step), batch_size)
+    return augment_batch(keys[rows], batch, augmentation)
 
 
 def check_batch_size(batch_size: int) -> None:
@@ -217,12 +280,12 @@ def check_batch_size(batch_size: int) -> None:
         raise InputError(f"batch_size is {batch_size}; it must be at least 1")
 
 
-@partial(jax.jit, static_argnames=("config", "batch_size"))
+@partial(jax.jit, static_argnames=("config", "count"))
 def _render_batch(
-    root: Array, step: Array, *, config: SceneConfig, batch_size: int
+    root: Array, first: Array, *, config: SceneConfig, count: int
 ) -> LightFieldSample:
     """Render a batch; sources that differ only in their seed share the compiled program."""
-    numbers = step * batch_size + jnp.arange(batch_size, dtype=jnp.uint32)
+    numbers = first + jnp.arange(count, dtype=jnp.uint32)
     keys = jax.vmap(partial(jax.random.fold_in, root))(numbers)
     return jax.vmap(lambda key: generate(key, config))(keys)
 
@@ -248,18 +311,37 @@ def _gather_samples(kept: LightFieldSample, numbers: Int[Array, " b"]) -> LightF
     return batch._replace(views=batch.views.astype(jnp.float32) / 255.0)
 
 
+def _read_range(source: Source, step: int, rows: range | None) -> LightFieldSample:
+    """Return rows of the batch of a step; None is all of them."""
+    return source(step) if rows is None else source(step, slice(rows.start, rows.stop))
+
+
 def _sample_range(
-    stream: Source, start: int, stop: int, batch_size: int
+    stream: Callable[[int, range | None], LightFieldSample],
+    start: int,
+    stop: int,
+    batch_size: int,
+    block: int,
 ) -> Iterator[LightFieldSample]:
-    """Yield samples number ``start`` to ``stop - 1`` of a source, one piece per batch."""
+    """Yield samples number ``start`` to ``stop - 1`` of a source.
+
+    Args:
+        stream: Returns rows of a batch of the source.
+        start: First sample.
+        stop: Sample after the last.
+        batch_size: Samples per batch of the source.
+        block: Number of rows to request at a time. Each number of rows compiles other programs, and
+            the rows of one block serve several steps.
+    """
     while start < stop:
-        number, first = divmod(start, batch_size)
-        batch = stream(number)
+        number, row = divmod(start, batch_size)
+        first = row - row % block
+        batch = stream(number, None if block == batch_size else range(first, first + block))
         found = batch.disparity.shape[0]
-        if found != batch_size:
+        if found != block:
             raise InputError(f"sources have batches of {found} and {batch_size}; make them equal")
-        count = min(stop - start, batch_size - first)
-        yield LightFieldSample(*(field[first : first + count] for field in batch))
+        count = min(stop - start, first + block - row)
+        yield LightFieldSample(*(field[row - first : row - first + count] for field in batch))
         start += count
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from safetensors import safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
@@ -38,7 +38,8 @@ def save_weights(
         metadata: Further strings to store, for instance the training data.
 
     Raises:
-        InputError: If the variables do not fit the configuration, or the file has another suffix.
+        InputError: If the variables do not fit the configuration, the file has another suffix
+            or cannot be written.
 
     Example:
         >>> import tempfile, jax
@@ -56,7 +57,8 @@ def save_weights(
     _check_fit(path, tensors, variable_shapes(config))
     description = {**(metadata or {}), "config": config_to_json(config)}
     with atomic_path(path) as temporary:
-        save_file(tensors, temporary, metadata=description)
+        # Written by Python, whose errors say which file and why.
+        temporary.write_bytes(save(tensors, metadata=description))
 
 
 def load_weights(

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Mapping
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +16,16 @@ import orbax.checkpoint as ocp
 from orbax.checkpoint.checkpoint_managers import preservation_policy
 
 import occjax
-from occjax.io.files import decoder_errors
+from occjax.errors import InputError
+from occjax.io.atomic import CannotWriteError
 from occjax.io.run_folder import open_run_folder, write_description
+from occjax.training.hosts import on_first_process
 from occjax.training.step import TrainState
 
 CHECKPOINTS = "checkpoints"
+DAMAGED = "damaged_checkpoints"
 CONFIG_FILE = "config.json"
-MAY_CHANGE = ("steps", "occjax")
+MAY_CHANGE = ("steps", "rematerialise", "occjax")
 """Settings that may differ when training is resumed: it may be longer, and the package newer."""
 
 SCORE_KEY = "score"
@@ -26,6 +34,8 @@ SCORE_KEY = "score"
 
 class Checkpoints:
     """The checkpoints in a training folder. A context manager.
+
+    If several processes train, they call every method together.
 
     Attributes:
         folder: Folder of the checkpoints.
@@ -74,15 +84,21 @@ class Checkpoints:
         Args:
             state: The state.
             score: Result of the validation, if there was one; lower is better.
+
+        Raises:
+            InputError: If it cannot be written. The earlier checkpoints are kept.
         """
         step = int(state.step)
         if step != self.latest_step:
             # The manager warns about checkpoints without a score.
             metrics = {SCORE_KEY: math.inf if score is None else score}
-            self._manager.save(step, args=ocp.args.StandardSave(state), metrics=metrics)
+            with writing_checkpoint(self.folder):
+                self._manager.save(step, args=ocp.args.StandardSave(state), metrics=metrics)
 
     def restore(self, like: TrainState) -> TrainState:
-        """Read the latest checkpoint.
+        """Read the latest checkpoint that is intact.
+
+        Damaged ones are moved to the folder ``damaged_checkpoints``, with a warning.
 
         Args:
             like: Shapes, types and placement of a state's arrays, as ``jax.ShapeDtypeStruct``.
@@ -91,13 +107,120 @@ class Checkpoints:
             The state.
 
         Raises:
-            InputError: If the checkpoint cannot be read as a state of this training.
+            InputError: If no checkpoint can be read as a state of this training. All of them then
+                stay where they are.
         """
-        step = self.latest_step
-        remedy = "remove that folder to resume from the checkpoint before it"
-        what = "a complete checkpoint of this training"
-        with decoder_errors(self.folder / str(step), what, remedy=remedy):
-            return self._manager.restore(step, args=ocp.args.StandardRestore(like))
+        steps = sorted(self._manager.all_steps(), reverse=True)
+        damaged: list[InputError] = []
+        for step in steps:
+            try:
+                with decoding_checkpoint(self.folder / str(step)):
+                    state = self._manager.restore(step, args=ocp.args.StandardRestore(like))
+            except InputError as error:
+                damaged.append(error)
+                continue
+            if damaged:
+                lost = steps[: len(damaged)]
+                on_first_process(partial(self._set_aside, lost))
+                self._manager.reload()
+                warnings.warn(
+                    f"{self.folder / str(steps[0])}: is damaged; training resumes from the "
+                    f"checkpoint of step {step}, {steps[0] - step} steps are lost. Damaged "
+                    f"checkpoints are now in {self.folder.parent / DAMAGED}",
+                    stacklevel=2,
+                )
+            return state
+        raise damaged[0]
+
+    def _set_aside(self, steps: list[int]) -> None:
+        """Move checkpoints to another folder: Orbax writes no step before its latest one."""
+        target = self.folder.parent / DAMAGED
+        with writing_checkpoint(target):
+            target.mkdir(exist_ok=True)
+            for step in steps:
+                free = target / str(step)
+                while free.exists():
+                    free = free.with_name(f"{free.name}_again")
+                os.replace(self.folder / str(step), free)
+
+
+@contextmanager
+def writing_checkpoint(folder: Path) -> Iterator[None]:
+    """Turn any failure to write into an :class:`InputError`.
+
+    Orbax and TensorStore report a full disk by various exceptions.
+
+    Args:
+        folder: Folder of what is written.
+    """
+    try:
+        with _logged_once(folder):
+            yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise CannotWriteError(folder, _reason(error)) from error
+
+
+@contextmanager
+def decoding_checkpoint(path: Path) -> Iterator[None]:
+    """Turn any failure to read into an :class:`InputError`.
+
+    Args:
+        path: Folder of what is read.
+    """
+    try:
+        with _logged_once(path):
+            yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"{path}: is not a complete checkpoint of this training ({_reason(error)}); train in "
+            "another folder"
+        ) from error
+
+
+class _Repeated(logging.Filter):
+    """Drops logged errors about a folder, which are raised as well."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder, self.active = str(folder), True
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        repeated = self.active or self.folder in record.getMessage()
+        return record.levelno < logging.ERROR or not repeated
+
+
+@contextmanager
+def _logged_once(folder: Path) -> Iterator[None]:
+    """Keep Orbax from logging each of its threads' errors, hundreds of lines for a full disk.
+
+    After a failure, errors about the folder are dropped until the end of the process: asyncio logs
+    those of tasks when it removes them.
+    """
+    loggers = [logging.getLogger(name) for name in ("absl", "asyncio")]
+    repeated = _Repeated(folder)
+    for logger in loggers:
+        logger.addFilter(repeated)
+    try:
+        yield
+        for logger in loggers:
+            logger.removeFilter(repeated)
+    finally:
+        repeated.active = False
+
+
+def _reason(error: BaseException) -> str:
+    """Return the cause of a failure in a few words."""
+    text = f"{error} {error.__cause__ or ''}"
+    for words in ("No space left on device", "Read-only file system", "Permission denied"):
+        if words in text:
+            return words.lower()
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    return type(error).__name__
 
 
 def open_training_folder(folder: Path, description: Mapping[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ from tyro.conf import AvoidSubcommands, Positional, arg
 
 from occjax.errors import InputError
 from occjax.models import PRESETS, OccCasNetConfig, preset
-from occjax.training.config import DataConfig, RunConfig, TrainConfig
+from occjax.training.config import DataConfig, HostConfig, RunConfig, TrainConfig
 from occjax.training.recipes import RECIPES, Recipe, recipe
 
 DEFAULT_RECIPE = "proposal"
@@ -53,6 +54,7 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
         config: Annotated[AvoidSubcommands[TrainConfig], arg(name="")] = defaults.train,
         data: AvoidSubcommands[DataConfig] = defaults.data,
         run: Annotated[RunConfig, arg(name="")] = defaults.run,
+        hosts: Annotated[HostConfig, arg(name="")] = HostConfig(),
         validate: Annotated[
             tuple[Path, ...], arg(help="Scenes with ground truth to validate on.", metavar="SCENE")
         ] = (),
@@ -71,6 +73,15 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
         overfit_one: Annotated[
             bool, arg(help="Train on the first batch only, and check that its loss halves.")
         ] = False,
+        replay: Annotated[
+            int | None,
+            arg(
+                help="Repeat this step, whose loss was not finite and which training stored, and "
+                "print where its numbers stop being finite.",
+                metavar="STEP",
+                help_behavior_hint="",
+            ),
+        ] = None,
     ) -> int:
         """Train a model, or resume its training."""
         if overfit_one and config.steps < 2 * run.log_every:
@@ -80,22 +91,36 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
             )
         # The rest imports JAX. A wrong argument is reported without it.
         from occjax.training.data import fixed, make_source, validation_scenes
+        from occjax.training.hosts import first_process_first, is_first_process, join_processes
         from occjax.training.loop import train
+        from occjax.training.replay import replay_step
         from occjax.training.validation import scenes_from_folders
 
-        source = make_source(data, config.network)
+        join_processes(hosts)
+        if replay is not None:
+            print("\n".join(replay_step(config, folder, replay)))
+            return 0
+        source = first_process_first(lambda: make_source(data, config.network))
         scenes = scenes_from_folders(validate)
         scenes += validation_scenes(data, validation_samples)
-        trained = train(
-            config,
-            fixed(source) if overfit_one else source,
-            folder,
-            run=run,
-            validation=scenes,
-            data={**dataclasses.asdict(data), "overfit_one": overfit_one},
-            initial_weights=initial_weights,
-        )
-        if overfit_one:
+        again = shlex.join(["occjax", "train", *arguments])
+        try:
+            trained = train(
+                config,
+                fixed(source) if overfit_one else source,
+                folder,
+                run=run,
+                validation=scenes,
+                data={**dataclasses.asdict(data), "overfit_one": overfit_one},
+                batch_size=data.batch_size,
+                initial_weights=initial_weights,
+            )
+        except KeyboardInterrupt:
+            print(f"resume with: {again}")
+            raise
+        if not is_first_process():
+            return 0
+        if overfit_one and trained.finished:
             return _report_overfit(folder)
         if trained.finished:
             print(
@@ -103,7 +128,7 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
                 f"use it with: occjax estimate SCENE -o FOLDER --weights {trained.weights}"
             )
         else:
-            print(f"stopped after step {int(trained.state.step)}; start again to resume")
+            print(f"stopped after step {int(trained.state.step)}; resume with: {again}")
         return 0
 
     return train_command

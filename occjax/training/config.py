@@ -120,6 +120,11 @@ class TrainConfig:
         ema_decay: Decay of the exponential moving average of weights and statistics, which is
             validated and written to the weights files; 0 uses the last weights.
         precision: Type of the convolutions; parameters stay float32.
+        accumulate: Number of micro-batches per step. Their gradients are added up, so that the
+            memory of a step is that of one micro-batch, and each is computed twice, which takes a
+            third more time (:func:`occjax.training.step.train_step`).
+        rematerialise: Whether only the results of convolutions are kept for the gradients and
+            everything else is computed again: less memory, more time.
         seed: Seed of the initial weights.
     """
 
@@ -129,12 +134,14 @@ class TrainConfig:
     steps: int = 20_000
     ema_decay: float = 0.999
     precision: Precision = "float32"
+    accumulate: int = 1
+    rematerialise: bool = False
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Check the values."""
         check_one_of("precision", self.precision, Precision)
-        _check_positive(self, "", "steps")
+        _check_positive(self, "", "steps", "accumulate")
         if not 0.0 <= self.ema_decay < 1.0:
             raise InputError(f"ema_decay is {self.ema_decay:g}; pass 0 or more, less than 1")
 
@@ -151,6 +158,11 @@ class RunConfig:
         log_every: Number of steps between two lines of the log, each the mean over these steps.
         validate_every: Number of steps between two validations, each with a checkpoint.
         prefetch: Number of batches that are prepared while the model trains.
+        devices: Number of devices that share every batch; None is all devices.
+        shard_state: Whether the devices share the parameters and the state of the optimiser, too:
+            less memory, more communication. Otherwise every device holds a copy.
+        skip_nonfinite: Number of successive steps that are skipped if their loss or gradient is not
+            finite; after more of them, training stops. 0 stops at the first.
     """
 
     minutes: float | None = None
@@ -160,10 +172,40 @@ class RunConfig:
     log_every: int = 50
     validate_every: int = 1000
     prefetch: int = 2
+    devices: int | None = None
+    shard_state: bool = False
+    skip_nonfinite: int = 0
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _check_positive(self, "", *(field.name for field in dataclasses.fields(self)))
+        any_value = {"shard_state", "skip_nonfinite"}
+        names = {field.name for field in dataclasses.fields(self)}
+        _check_positive(self, "", *sorted(names - any_value))
+        _check_not_negative(self, "", "skip_nonfinite")
+
+
+@dataclass(frozen=True)
+class HostConfig:
+    """Processes that train together.
+
+    Attributes:
+        distributed: Whether this process is one of several, started by SLURM, Cloud TPU, Open MPI
+            or Kubernetes, where JAX detects the others.
+        coordinator: Elsewhere, address ``HOST:PORT`` of process 0, the same for all processes.
+        processes: Number of processes, with ``coordinator``.
+        process: Number of this process, from 0, with ``coordinator``.
+    """
+
+    distributed: bool = False
+    coordinator: str | None = None
+    processes: int | None = None
+    process: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check that an address comes with its numbers."""
+        given = [value is not None for value in (self.coordinator, self.processes, self.process)]
+        if any(given) and not all(given):
+            raise InputError("pass --coordinator HOST:PORT, --processes and --process together")
 
 
 @dataclass(frozen=True)

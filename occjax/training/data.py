@@ -12,7 +12,7 @@ from occjax.data.config import AugmentationConfig
 from occjax.data.folders import folder_source
 from occjax.data.pool import pool_source
 from occjax.data.scenes import load_scenes
-from occjax.data.sources import Source, cached_source, mixture, procedural_source
+from occjax.data.sources import ALL_ROWS, Source, cached_source, mixture, procedural_source
 from occjax.errors import InputError
 from occjax.lightfield import LightField
 from occjax.models import ModelConfig, ProposalConfig
@@ -94,7 +94,7 @@ def validation_scenes(config: DataConfig, count: int) -> list[LightField]:
 def fixed(source: BatchSource) -> BatchSource:
     """Return a source that gives the first batch of another source in every step."""
     batch = jax.block_until_ready(source(0))
-    return lambda step: batch
+    return lambda step, rows=ALL_ROWS, /: jax.tree.map(lambda field: field[rows], batch)
 
 
 def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:

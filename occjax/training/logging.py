@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from occjax.io.atomic import atomic_path
+from occjax.io.atomic import CannotWriteError, atomic_path
 from occjax.io.files import decoding
 
 LOG_FILE = "log.jsonl"
@@ -18,29 +20,35 @@ TENSORBOARD = "tensorboard"
 class Log:
     """Writer of ``log.jsonl`` and, if tensorboardX is installed, of the folder ``tensorboard``.
 
-    Each line has ``kind`` (``"train"`` or ``"validation"``), ``step`` and numbers by name. Numbers
-    that are not finite become null, since JSON has no such numbers.
+    Each line has ``kind``, ``step`` and numbers by name. The kind is ``"train"``, ``"validation"``
+    or ``"nonfinite"``, a step whose loss or gradient was not finite. Numbers that are not finite
+    become null, since JSON has no such numbers.
     """
 
-    def __init__(self, folder: Path, *, first_step: int = 0) -> None:
+    def __init__(self, folder: Path, *, first_step: int = 0, writes: bool = True) -> None:
         """Open the log, and remove the lines after the checkpoint from which training resumes.
 
         Args:
             folder: Training folder.
             first_step: Number of finished steps.
+            writes: Whether this process writes; otherwise nothing is written.
         """
-        path = folder / LOG_FILE
+        self._path, self._file, self._board = folder / LOG_FILE, None, None
+        if not writes:
+            return
         kept = [entry for entry in read_log(folder) if entry["step"] <= first_step]
-        with atomic_path(path) as temporary:
+        with atomic_path(self._path) as temporary:
             temporary.write_text("".join(_line(entry) for entry in kept), encoding="utf-8")
-        self._file = path.open("a", encoding="utf-8")
+        # Without a buffer, which a full disk would leave to be written at the end.
+        self._file = self._path.open("ab", buffering=0)
         self._board = _tensorboard(folder / TENSORBOARD, first_step)
 
     def __enter__(self) -> Log:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
         if self._board is not None:
             self._board.close()
 
@@ -48,16 +56,19 @@ class Log:
         """Write one line.
 
         Args:
-            kind: ``"train"`` or ``"validation"``.
+            kind: ``"train"``, ``"validation"`` or ``"nonfinite"``.
             step: Number of finished steps.
             values: Numbers by name.
         """
+        if self._file is None:
+            return
         numbers = {name: float(value) for name, value in values.items()}
-        self._file.write(_line({"kind": kind, "step": step, **numbers}))
-        self._file.flush()
-        if self._board is not None:
-            for name, value in numbers.items():
-                self._board.add_scalar(f"{kind}/{name}", value, step)
+        try:
+            self._file.write(_line({"kind": kind, "step": step, **numbers}).encode())
+            if self._board is not None:
+                self._board.write(kind, step, numbers)
+        except OSError as error:
+            raise CannotWriteError(self._path, (error.strerror or str(error)).lower()) from error
 
 
 def read_log(folder: str | Path) -> list[dict[str, Any]]:
@@ -109,9 +120,37 @@ def _line(entry: Mapping[str, Any]) -> str:
     return json.dumps({name: finite(value) for name, value in entry.items()}) + "\n"
 
 
-def _tensorboard(folder: Path, first_step: int) -> Any:
+class _Board:
+    """Writer of an event file for TensorBoard.
+
+    ``tensorboardX.SummaryWriter`` writes in a thread, whose end, on a full disk, blocks training.
+    """
+
+    def __init__(self, folder: Path, first_step: int) -> None:
+        from tensorboardX.event_file_writer import EventsWriter
+        from tensorboardX.proto.event_pb2 import Event, SessionLog
+        from tensorboardX.summary import scalar
+
+        folder.mkdir(exist_ok=True)
+        self._event, self._scalar = Event, scalar
+        self._file = EventsWriter(str(folder / "events"))
+        if first_step:  # later steps of the interrupted run are not shown
+            start = SessionLog(status=SessionLog.START)
+            self._file.write_event(Event(step=first_step + 1, session_log=start))
+
+    def write(self, kind: str, step: int, numbers: Mapping[str, float]) -> None:
+        for name, value in numbers.items():
+            summary = self._scalar(f"{kind}/{name}", value)
+            self._file.write_event(self._event(wall_time=time.time(), step=step, summary=summary))
+        self._file.flush()
+
+    def close(self) -> None:
+        with suppress(OSError):  # every line is written already
+            self._file.close()
+
+
+def _tensorboard(folder: Path, first_step: int) -> _Board | None:
     try:
-        from tensorboardX import SummaryWriter
+        return _Board(folder, first_step)
     except ImportError:
         return None
-    return SummaryWriter(str(folder), purge_step=first_step + 1 if first_step else None)

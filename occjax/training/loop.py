@@ -17,6 +17,7 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
+from occjax.data.sources import ALL_ROWS
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
 from occjax.lightfield import LightField
@@ -24,15 +25,17 @@ from occjax.models import load_weights, save_weights
 from occjax.models.bundled import find_weights
 from occjax.training.checkpoints import Checkpoints, open_training_folder
 from occjax.training.config import RunConfig, TrainConfig
-from occjax.training.logging import Log
+from occjax.training.hosts import Votes, agreed_values, is_first_process, on_first_process
+from occjax.training.logging import Log, read_log
 from occjax.training.optimiser import learning_rate
+from occjax.training.placement import gather, make_placement
 from occjax.training.prefetch import prefetch
+from occjax.training.replay import NONFINITE, keep_step
 from occjax.training.step import (
     Batch,
     BatchSource,
     TrainState,
     init_state,
-    shardings,
     state_from_variables,
     train_step,
 )
@@ -48,7 +51,8 @@ class Trained(NamedTuple):
 
     Attributes:
         state: State after the last step.
-        finished: Whether all steps are done; otherwise the time was up.
+        finished: Whether all steps are done; otherwise the time was up, or the process was asked to
+            terminate.
         weights: File of the averaged weights.
     """
 
@@ -65,6 +69,7 @@ def train(
     run: RunConfig | None = None,
     validation: Sequence[LightField] = (),
     data: Mapping[str, Any] | None = None,
+    batch_size: int | None = None,
     initial_weights: str | Path | None = None,
     say: Callable[[str], None] = tqdm.write,
 ) -> Trained:
@@ -76,8 +81,16 @@ def train(
     contain the exponential moving average of the weights, for ``occjax estimate --weights``.
 
     If the folder already contains a checkpoint of this run, training resumes from it. The result is
-    that of an uninterrupted training. On an interrupt (Ctrl-C) or a request to terminate, the
-    current step is finished and saved.
+    that of an uninterrupted training. If the latest checkpoint is damaged, the one before it is
+    used. On an interrupt (Ctrl-C) or a request to terminate (SIGTERM), the current step is finished
+    and saved.
+
+    All devices of all processes (:mod:`occjax.training.hosts`) share every batch. A checkpoint of
+    any number of devices and processes can be resumed with any other. Several processes need one
+    folder that all of them see.
+
+    A step whose loss or gradient is not finite changes nothing. Its batch and state are stored in
+    the folder ``nonfinite`` (:mod:`occjax.training.replay`).
 
     Args:
         config: Settings of the training.
@@ -86,6 +99,8 @@ def train(
         run: Settings of this process.
         validation: Light fields with ground truth to validate on, with different names.
         data: Description of the source, which must be the same when training is resumed.
+        batch_size: Number of examples in the batch of a step. With several processes, each requests
+            its rows only; by default one batch is requested to find it.
         initial_weights: Initial weights: a file, or a name that ``occjax weights list`` prints;
             random weights by default. They are validated before the first step.
         say: Function that is called with lines for the user.
@@ -94,8 +109,9 @@ def train(
         The final state, whether training is finished, and the file of the weights.
 
     Raises:
-        InputError: If the folder contains something else, if the data or the weights do not fit the
-            model, or if the loss is no longer finite.
+        InputError: If the folder contains something else or can no longer be written, if the data
+            or the weights do not fit the model, if the devices cannot share a batch equally, or if
+            the loss is no longer finite.
         KeyboardInterrupt: If interrupted, after the state is saved.
 
     Example:
@@ -108,59 +124,85 @@ def train(
             train(tiny.train, source, "runs/tiny", run=RunConfig(minutes=5))
     """
     folder, run = Path(folder), run or RunConfig()
+    if not is_first_process():
+        say = _quiet
     check_writable(folder)
     check_scenes(validation, config.network)
     initial_file = None if initial_weights is None else find_weights(initial_weights)
     say(f"{folder}: preparing the first batch")
-    first = source(0)
-    batch_sharding, state_sharding = shardings(first.disparity.shape[0])
+    first = None
+    if batch_size is None:
+        first = source(0)
+        batch_size = first.disparity.shape[0]
+    placement = make_placement(
+        batch_size, devices=run.devices, accumulate=config.accumulate, shard_state=run.shard_state
+    )
+    rows = placement.rows(batch_size)
+    if first is None:
+        first = source(0) if rows == ALL_ROWS else source(0, rows)
     described = {"initial_weights": initial_weights and str(initial_weights), "data": data}
-    open_training_folder(folder, {**dataclasses.asdict(config), **described})
+    settings = {**dataclasses.asdict(config), **described}
+    on_first_process(lambda: open_training_folder(folder, settings))
 
     with Checkpoints(folder, keep=run.keep) as checkpoints:
         if checkpoints.latest_step is not None:
             like = jax.eval_shape(partial(init_state, config), first)
-            placed = jax.tree.map(lambda leaf: leaf.update(sharding=state_sharding), like)
+            placed = jax.tree.map(
+                lambda leaf, sharding: leaf.update(sharding=sharding), like, placement.state(like)
+            )
             state = checkpoints.restore(placed)
-            say(f"{folder}: resuming after step {checkpoints.latest_step}")
+            say(f"{folder}: resuming after step {int(state.step)}")
         else:
-            state = _first_state(config, first, initial_file)
-            state = jax.device_put(state, state_sharding)
+            state = placement.place_state(_first_state(config, first, initial_file))
         start = int(state.step)
+        batches_from = partial(prefetch, source, start, config.steps, ahead=run.prefetch)
         with (
-            Log(folder, first_step=start) as log,
-            _interruption() as interrupted,
-            closing(
-                prefetch(source, start, config.steps, ahead=run.prefetch, sharding=batch_sharding)
-            ) as batches,
-            tqdm(total=config.steps, initial=start, unit="step", disable=None) as bar,
+            Log(folder, first_step=start, writes=is_first_process()) as log,
+            _interruption() as interruption,
+            closing(batches_from(rows=rows, place=placement.place_batch)) as batches,
+            tqdm(
+                total=config.steps,
+                initial=start,
+                unit="step",
+                disable=None if is_first_process() else True,
+            ) as bar,
         ):
             keeper = _Keeper(config, run, folder, validation, checkpoints, log, say)
             meter = _Meter(config, log, bar, say)
+            steps = _Steps(config, run, placement, folder, log, say)
+            votes = Votes(placement)
             if start == 0 and initial_file is not None and validation:
-                keeper.validate(state, 0)
+                keeper.validate(gather(state.ema), 0)
             deadline = math.inf if run.minutes is None else time.monotonic() + 60.0 * run.minutes
             for step, batch in meter.waiting(batches):
-                if step == start:
-                    state, metrics = _first_step(state, batch, config, folder, say)
-                else:
-                    state, metrics = train_step(state, batch, config=config)
+                state, metrics = steps.take(state, step, batch)
                 done = step + 1
                 meter.add(metrics)
-                stopping = interrupted.is_set() or time.monotonic() >= deadline
+                stopping, late = votes(
+                    interruption.number is not None or time.monotonic() >= deadline,
+                    keeper.is_late(),
+                )
                 last = done == config.steps
-                keeping = last or stopping or keeper.is_due(done)
+                keeping = last or stopping or late or keeper.is_due(done)
                 if keeping or done % run.log_every == 0:
+                    state = steps.settle(state)
                     meter.report(done)
                 if keeping:
                     keeper.keep(state, done, validating=last or not stopping)
                     meter.restart()
+                    votes.restart()
                 if stopping:
                     break
-            if interrupted.is_set():
+            if steps.refused:
+                say(f"{folder}: {steps.refused} steps were skipped, see {folder / NONFINITE}")
+            if interruption.number == signal.SIGINT:
                 say(f"{folder}: interrupted after step {int(state.step)}; start again to resume")
                 raise KeyboardInterrupt
     return Trained(state, int(state.step) >= config.steps, folder / WEIGHTS_FILE)
+
+
+def _quiet(line: str) -> None:
+    """Print nothing: process 0 speaks."""
 
 
 def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) -> TrainState:
@@ -169,15 +211,101 @@ def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) 
     return state_from_variables(load_weights(weights, config.network)[0], config)
 
 
-def _first_step(
-    state: TrainState, batch: Batch, config: TrainConfig, folder: Path, say: Callable[[str], None]
-) -> tuple[TrainState, dict[str, jax.Array]]:
-    """Compile and start the first step, and tell the user, who sees no progress meanwhile."""
-    say(f"{folder}: compiling the training step; on a CPU this takes one to several minutes")
-    begin = time.monotonic()
-    result = train_step(state, batch, config=config)
-    say(f"{folder}: compiled in {time.monotonic() - begin:.0f} s")
-    return result
+class _Steps:
+    """Steps, and what happens to those whose loss is not finite.
+
+    The metrics of a step are read when the next one has been started. If a step is refused, the
+    next one therefore returns the state before both.
+
+    Attributes:
+        refused: Number of steps that were skipped, in this and earlier starts.
+    """
+
+    def __init__(self, config, run, placement, folder, log, say) -> None:
+        self.config, self.run, self.placement = config, run, placement
+        self.folder, self.log, self.say = folder, log, say
+        self.refused = sum(entry["kind"] == "nonfinite" for entry in read_log(folder))
+        self._unread: tuple[int, Batch, dict[str, jax.Array]] | None = None
+        self._successive, self._compiled = 0, False
+
+    def take(
+        self, state: TrainState, step: int, batch: Batch
+    ) -> tuple[TrainState, dict[str, jax.Array]]:
+        """Start a step, and wait for the one before: at most two batches are in use.
+
+        Args:
+            state: State before the step.
+            step: Number of the step.
+            batch: Its batch.
+
+        Returns:
+            State after the step, and its metrics.
+        """
+        unread = self._unread
+        result = self._start(state, step, batch)
+        if unread is not None and not self._accepted(*unread):
+            result = self._start(self._refuse(result[0], *unread), step, batch)
+        self._unread = (step, batch, result[1])
+        return result
+
+    def settle(self, state: TrainState) -> TrainState:
+        """Wait for the last step; return its state, or if it is refused, the state before it."""
+        unread, self._unread = self._unread, None
+        if unread is None or self._accepted(*unread):
+            return state
+        return self._refuse(state, *unread)
+
+    def _start(
+        self, state: TrainState, step: int, batch: Batch
+    ) -> tuple[TrainState, dict[str, jax.Array]]:
+        """Start a step; compile the first one and tell the user, who sees no progress meanwhile."""
+        run_step = partial(
+            train_step, config=self.config, number=np.int32(step), placement=self.placement
+        )
+        if self._compiled:
+            return run_step(state, batch)
+        self._compiled, begin = True, time.monotonic()
+        self.say(
+            f"{self.folder}: compiling the training step; on a CPU this takes one to several "
+            "minutes"
+        )
+        result = run_step(state, batch)
+        self.say(f"{self.folder}: compiled in {time.monotonic() - begin:.0f} s")
+        return result
+
+    def _accepted(self, step: int, batch: Batch, metrics: dict[str, jax.Array]) -> bool:
+        accepted = bool(np.asarray(metrics["applied"]))
+        if accepted:
+            self._successive = 0
+        return accepted
+
+    def _refuse(
+        self, state: TrainState, step: int, batch: Batch, metrics: dict[str, jax.Array]
+    ) -> TrainState:
+        """Store a step that was refused; skip it, or stop.
+
+        Raises:
+            InputError: If no more steps may be skipped.
+        """
+        keep_step(self.folder, step, state, batch)
+        done = step + 1
+        numbers = {name: float(metrics[name]) for name in ("loss", "gradient_norm")}
+        self.log.write("nonfinite", done, numbers)
+        self.refused, self._successive = self.refused + 1, self._successive + 1
+        wrong = (
+            "the loss is no longer finite"
+            if not math.isfinite(numbers["loss"])
+            else "the gradient of the loss is no longer finite"
+        )
+        if self._successive > self.run.skip_nonfinite:
+            raise InputError(
+                f"{wrong} at step {done}; batch and state are in {self.folder / NONFINITE}: add "
+                f"--replay {step} to the command to examine them. Pass --skip-nonfinite N, or "
+                "train in another folder with a lower optimiser.peak_rate, a longer "
+                "optimiser.warm_up or with optimiser.clip"
+            )
+        self.say(f"{wrong} at step {done}: skipped, {self.refused} so far; --replay {step}")
+        return state._replace(step=state.step + np.int32(1))
 
 
 class _Keeper:
@@ -191,35 +319,40 @@ class _Keeper:
     def is_due(self, done: int) -> bool:
         """Return whether the state after this step is to be saved."""
         every = self.run.checkpoint_steps
-        late = time.monotonic() - self.saved >= 60.0 * self.run.checkpoint_minutes
-        return late or self._validates(done) or (every is not None and done % every == 0)
+        return self._validates(done) or (every is not None and done % every == 0)
+
+    def is_late(self) -> bool:
+        """Return whether the longest time between two checkpoints has passed."""
+        return time.monotonic() - self.saved >= 60.0 * self.run.checkpoint_minutes
 
     def keep(self, state: TrainState, done: int, *, validating: bool) -> None:
         """Validate if it is due, and save."""
         if done == self.checkpoints.latest_step:
             return
-        score = None
+        average, score = gather(state.ema), None
         if validating and self._validates(done):
-            scores = self.validate(state, done)
+            scores = self.validate(average, done)
             score, best = scores[SELECTION_METRIC], self.checkpoints.best_score
             if best is None or score < best:
-                self._save_weights(state, BEST_FILE, done)
+                self._save_weights(average, BEST_FILE, done)
         self.checkpoints.save(state, score=score)
-        self._save_weights(state, WEIGHTS_FILE, done)
+        self._save_weights(average, WEIGHTS_FILE, done)
         self.saved = time.monotonic()
 
     def _validates(self, done: int) -> bool:
         at_end = done == self.config.steps
         return bool(self.validation) and (done % self.run.validate_every == 0 or at_end)
 
-    def validate(self, state: TrainState, done: int) -> dict[str, float]:
-        """Validate, and write the scores to the log."""
+    def validate(self, average: dict[str, Any], done: int) -> dict[str, float]:
+        """Validate the averaged weights in every process, and write the scores to the log."""
         scores = validate(
-            jax.device_get(state.ema),
+            average,
             self.validation,
             self.config.network,
-            pictures=self.folder / PICTURES,
+            pictures=self.folder / PICTURES if is_first_process() else None,
         )
+        if jax.process_count() > 1:  # all processes must choose the same checkpoint as the best
+            scores = dict(zip(scores, agreed_values([*scores.values()]), strict=True))
         self.log.write("validation", done, scores)
         means = ", ".join(
             f"{name} {value:.3f}" for name, value in scores.items() if "/" not in name
@@ -227,9 +360,13 @@ class _Keeper:
         self.say(f"step {done}: {means}")
         return scores
 
-    def _save_weights(self, state: TrainState, name: str, done: int) -> None:
-        variables = {kind: jax.device_get(tree) for kind, tree in state.ema.items() if tree}
-        save_weights(self.folder / name, variables, self.config.network, {"step": str(done)})
+    def _save_weights(self, average: dict[str, Any], name: str, done: int) -> None:
+        variables = {kind: tree for kind, tree in average.items() if tree}
+        on_first_process(
+            lambda: save_weights(
+                self.folder / name, variables, self.config.network, {"step": str(done)}
+            )
+        )
 
 
 class _Meter:
@@ -262,24 +399,19 @@ class _Meter:
 
     def add(self, metrics: dict[str, jax.Array]) -> None:
         """Add the metrics of a step without waiting for the step to end."""
-        if self.pending:  # wait for the step before: at most two batches are in use
-            jax.block_until_ready(self.pending[-1])
         self.pending.append(metrics)
         self.bar.update()
 
     def report(self, done: int) -> None:
-        """Log the means since the last report.
-
-        Raises:
-            InputError: If the loss is not finite.
-        """
-        if not self.pending:
+        """Log the means since the last report, without the steps that were refused."""
+        count = len(self.pending)
+        steps = [one for one in jax.device_get(self.pending) if one.pop("applied")]
+        if not steps:
             return
-        steps = jax.device_get(self.pending)
         means = {name: float(np.mean([one[name] for one in steps])) for name in steps[0]}
         seconds = time.monotonic() - self.begin
         means["learning_rate"] = float(self.rate(done - 1))
-        means["seconds_per_step"] = seconds / len(steps)
+        means["seconds_per_step"] = seconds / count
         means["waiting_for_data"] = self.waited / max(seconds, 1e-9)
         self.log.write("train", done, means)
         self.bar.set_postfix(loss=f"{means['loss']:.4f}", badpix=f"{means['badpix']:.1f}%")
@@ -289,29 +421,34 @@ class _Meter:
                 f"{means['badpix']:.1f}%, {means['seconds_per_step']:.2f} s per step"
             )
         self.restart()
-        if not math.isfinite(means["loss"]):
-            raise InputError(
-                f"the loss is no longer finite at step {done}; train in another folder with a "
-                "lower optimiser.peak_rate, a longer optimiser.warm_up or with optimiser.clip"
-            )
+
+
+class _Interruption:
+    """A signal that asks this process to stop.
+
+    Attributes:
+        number: Number of the first such signal; None if there was none.
+    """
+
+    number: int | None = None
 
 
 @contextmanager
-def _interruption() -> Iterator[threading.Event]:
-    """Give an event that SIGINT or SIGTERM sets; a second signal interrupts at once."""
-    event = threading.Event()
+def _interruption() -> Iterator[_Interruption]:
+    """Note SIGINT and SIGTERM; a second signal interrupts at once."""
+    interruption = _Interruption()
     if threading.current_thread() is not threading.main_thread():
-        yield event
+        yield interruption
         return
 
     def note(number, frame):
-        if event.is_set():
+        if interruption.number is not None:
             raise KeyboardInterrupt
-        event.set()
+        interruption.number = number
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield event
+        yield interruption
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
-from occjax.training.config import Penalty
+from occjax.training.config import LossConfig, Penalty
 
 
 class WeightedSum(NamedTuple):
@@ -25,6 +26,31 @@ class WeightedSum(NamedTuple):
     def mean(self) -> Float[Array, ""]:
         """Return the weighted mean over all light fields; 0 if no pixel counts."""
         return self.value.sum() / jnp.maximum(self.weight.sum(), 1.0)
+
+
+def total_loss(means: Mapping[str, Float[Array, ""]], config: LossConfig) -> Float[Array, ""]:
+    """Compute the loss from the means of its errors over the batch.
+
+    Args:
+        means: Mean errors by name. ``disparity`` and ``distribution``, or names that begin with
+            them, are parts of the loss; others, such as ``badpix``, are not.
+        config: Its weight of the distribution.
+
+    Returns:
+        The loss.
+
+    Example:
+        >>> means = {"disparity": jnp.array(0.5), "distribution": jnp.array(2.0)}
+        >>> float(total_loss(means, LossConfig(distribution=0.1)))
+        0.7
+    """
+    loss = jnp.zeros(())
+    for name, mean in means.items():
+        if name.startswith("disparity"):
+            loss += mean
+        elif name.startswith("distribution"):
+            loss += config.distribution * mean
+    return loss
 
 
 def weighted_sum(

@@ -12,7 +12,14 @@ from occjax.data.samples import LightFieldSample
 from occjax.models import OccCasNet, OccCasNetConfig, StageOutput
 from occjax.models.occcasnet.layers import BATCH_AXIS
 from occjax.training.config import LossConfig, Precision
-from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
+from occjax.training.losses import (
+    WeightedSum,
+    bad_pixels,
+    inside_border,
+    penalty,
+    total_loss,
+    weighted_sum,
+)
 from occjax.view_selection import Selection
 
 
@@ -39,18 +46,18 @@ class OccCasNetTask:
         truth = self._ground_truth(example)
         return dict(OccCasNet(self.network).init(key, example.views, ground_truth=truth))
 
-    def loss(
+    def errors(
         self, params: dict, batch_stats: dict, batch: LightFieldSample
-    ) -> tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]]:
-        """Compute the loss of a batch; BatchNorm uses the statistics of the whole batch."""
+    ) -> tuple[dict[str, WeightedSum], dict]:
+        """Compute the errors of a batch; BatchNorm uses the statistics of the whole batch."""
         outputs, batch_stats = self.apply(params, batch_stats, batch)
-        loss, metrics = cascade_loss(outputs, batch, self.loss_config)
+        errors = cascade_errors(outputs, batch, self.loss_config)
 
         def count_bad(disparity, truth, valid):
             return bad_pixels(disparity, truth, valid, self.loss_config.border)
 
         bad = jax.vmap(count_bad)(outputs[-1].disparity, batch.disparity, batch.valid)
-        return loss, ({**metrics, "badpix": bad.mean()}, batch_stats)
+        return {**errors, "badpix": bad}, batch_stats
 
     def apply(
         self, params: dict, batch_stats: dict, batch: LightFieldSample
@@ -112,20 +119,25 @@ def cascade_loss(
         >>> float(loss), list(errors)
         (0.5, ['disparity_0'])
     """
+    errors = cascade_errors(outputs, batch, config)
+    means = {name: error.mean() for name, error in errors.items()}
+    return total_loss(means, config), means
+
+
+def cascade_errors(
+    outputs: tuple[StageOutput, ...], batch: LightFieldSample, config: LossConfig
+) -> dict[str, WeightedSum]:
+    """Compute the errors of all stages, see :func:`cascade_loss`, of each sample of a batch."""
 
     def errors_of_one(outputs, sample):
         before = [None, *(output.disparity for output in outputs[:-1])]
-        return [
-            _stage_errors(output, previous, sample, config)
-            for output, previous in zip(outputs, before, strict=True)
-        ]
+        return {
+            f"{name}_{index}": error
+            for index, (output, previous) in enumerate(zip(outputs, before, strict=True))
+            for name, error in _stage_errors(output, previous, sample, config).items()
+        }
 
-    loss, means = jnp.zeros(()), {}
-    for index, errors in enumerate(jax.vmap(errors_of_one)(outputs, batch)):
-        for name, error in errors.items():
-            means[f"{name}_{index}"] = mean = error.mean()
-            loss += mean if name == "disparity" else config.distribution * mean
-    return loss, means
+    return jax.vmap(errors_of_one)(outputs, batch)
 
 
 def distribution_error(

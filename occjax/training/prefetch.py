@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 
-import jax
-
+from occjax.data.sources import ALL_ROWS
 from occjax.training.step import Batch, BatchSource
 
 
@@ -17,7 +16,8 @@ def prefetch(
     end: int,
     *,
     ahead: int = 2,
-    sharding: jax.sharding.Sharding | None = None,
+    rows: slice = ALL_ROWS,
+    place: Callable[[Batch], Batch] = lambda batch: batch,
 ) -> Generator[tuple[int, Batch], None, None]:
     """Yield the steps ``first`` to ``end - 1`` with their batches.
 
@@ -26,15 +26,15 @@ def prefetch(
         first: First step.
         end: Step after the last.
         ahead: Number of batches prepared ahead of the one in use.
-        sharding: Placement of the batches on the devices.
+        rows: Rows of the batches that this process makes.
+        place: Puts a batch, of these rows, on the devices.
 
     Yields:
         Number of the step and its batch.
     """
 
     def make(step: int) -> Batch:
-        batch = source(step)
-        return batch if sharding is None else jax.device_put(batch, sharding)
+        return place(source(step) if rows == ALL_ROWS else source(step, rows))
 
     pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="batches")
     waiting: deque[Future[Batch]] = deque()

@@ -24,7 +24,7 @@ from occjax.data.augmentation import random_noise, random_tone
 from occjax.data.config import AugmentationConfig
 from occjax.data.pool import DESCRIPTION, light_field_files, read_sample, shuffled
 from occjax.data.samples import LightFieldSample, select_views, to_device
-from occjax.data.sources import check_batch_size
+from occjax.data.sources import ALL_ROWS, check_batch_size, sample_numbers
 from occjax.data.transforms import Symmetry, transform_images, transform_offsets
 from occjax.errors import InputError
 from occjax.io.arrays import load_fields
@@ -128,7 +128,7 @@ def prepared_source(
     *,
     augmentation: AugmentationConfig,
     patches: PatchConfig | None = None,
-) -> Callable[[int], PreparedSample]:
+) -> Callable[..., PreparedSample]:
     """Return a source that goes through pools in random order, in a new order each time.
 
     Tone and noise of a light field are drawn once, before its proposals are computed; patches and
@@ -145,7 +145,8 @@ def prepared_source(
         patches: Choice of the patches.
 
     Returns:
-        Source of batches of :class:`PreparedSample`.
+        Source of batches of :class:`PreparedSample`, or of their rows, see
+        :class:`occjax.data.sources.Source`.
 
     Raises:
         InputError: If the folder contains something else, if a pool is missing or empty, or if the
@@ -175,9 +176,9 @@ def prepared_source(
 
     how = network.proposals.offsets, augmentation, patches or PatchConfig()
 
-    def source(step: int) -> PreparedSample:
+    def source(step: int, rows: slice = ALL_ROWS, /) -> PreparedSample:
         samples = []
-        for drawn in range(step * batch_size, (step + 1) * batch_size):
+        for drawn in sample_numbers(step, rows, batch_size):
             generator, sample = np.random.default_rng((seed, drawn)), prepared(item(drawn))
             samples.append(random_patch(generator, sample, *how))
         return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *samples)

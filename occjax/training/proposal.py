@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from occjax.data.samples import LightFieldSample
@@ -30,11 +31,13 @@ class ProposalTask:
         network: Configuration of the network, with a selector.
         loss_config: Settings of the loss.
         precision: Type of the selector's convolutions.
+        mesh: Devices that share a batch along the axis ``"data"``; None is one device.
     """
 
     network: ProposalConfig
     loss_config: LossConfig
     precision: Precision
+    mesh: Mesh | None = None
 
     def view_selection(self, available: ViewSelection) -> ViewSelection:
         """Return the available views: the network takes any arrangement."""
@@ -45,10 +48,27 @@ class ProposalTask:
         proposals = self._proposals(example)[0]
         return dict(ProposalNet(self.network).init(key, proposals, method="select"))
 
-    def loss(
+    def errors(
         self, params: dict, batch_stats: dict, batch: LightFieldSample | PreparedSample
-    ) -> tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]]:
-        """Compute the loss of a batch."""
+    ) -> tuple[dict[str, WeightedSum], dict]:
+        """Compute the errors of a batch."""
+        errors_of = self._errors
+        if self.mesh is not None and self.mesh.size > 1:
+            # The loop over the examples hides from XLA that they are on different devices.
+            each = PartitionSpec(*self.mesh.axis_names)
+            errors_of = jax.shard_map(
+                errors_of,
+                mesh=self.mesh,
+                in_specs=(PartitionSpec(), each),
+                out_specs=each,
+                check_vma=False,
+            )
+        return errors_of(params, batch), batch_stats
+
+    def _errors(
+        self, params: dict, batch: LightFieldSample | PreparedSample
+    ) -> dict[str, WeightedSum]:
+        """Compute the errors of the examples of one device."""
         network = ProposalNet(self.network, dtype=self.precision)
         errors = []
         # On a CPU, one example after the other is faster than vmap and than a loop inside XLA.
@@ -58,12 +78,7 @@ class ProposalTask:
             selection = network.apply({"params": params}, proposals, method="select")
             assert isinstance(selection, Selection)
             errors.append(selection_errors(selection, truth, example.valid, self.loss_config))
-        stacked = jax.tree.map(lambda *fields: jnp.stack(fields), *errors)
-        metrics = {name: error.mean() for name, error in stacked.items()}
-        loss = metrics["disparity"]
-        if "distribution" in metrics:
-            loss += self.loss_config.distribution * metrics["distribution"]
-        return loss, (metrics, batch_stats)
+        return jax.tree.map(lambda *fields: jnp.stack(fields), *errors)
 
     def _proposals(
         self, example: LightFieldSample | PreparedSample

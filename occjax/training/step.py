@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from occjax.data.samples import LightFieldSample
 from occjax.models import ModelConfig
 from occjax.training.config import TrainConfig
+from occjax.training.losses import WeightedSum, total_loss
 from occjax.training.optimiser import make_optimiser
+from occjax.training.placement import Placement
 from occjax.training.prepared import PreparedSample
 from occjax.training.tasks import task_of
 
 Batch = LightFieldSample | PreparedSample
 """Training examples with a leading axis on every field: light fields, or prepared proposals."""
 
-BatchSource = Callable[[int], Batch]
-"""Returns the batch of a step, see :data:`occjax.data.sources.Source`."""
+BatchSource = Callable[..., Batch]
+"""Returns the batch of a step, see :class:`occjax.data.sources.Source`.
+
+Only several processes that train together call it with rows."""
 
 
 class TrainState(NamedTuple):
@@ -61,6 +62,7 @@ def init_state(config: TrainConfig, batch: Batch) -> TrainState:
         The state, a function of ``config.seed``.
 
     Example:
+        >>> import numpy as np
         >>> from occjax.data.samples import numpy_sample
         >>> from occjax.models import preset
         >>> views, offsets = np.zeros((4, 3, 3, 16, 16), np.float32), np.zeros((4, 3, 3, 2))
@@ -91,23 +93,38 @@ def state_from_variables(variables: dict, config: TrainConfig) -> TrainState:
     )
 
 
-@partial(jax.jit, static_argnames="config", donate_argnames="state")
+@partial(jax.jit, static_argnames=("config", "placement"), donate_argnames="state")
 def train_step(
-    state: TrainState, batch: Batch, *, config: TrainConfig
-) -> tuple[TrainState, dict[str, Float[Array, ""]]]:
+    state: TrainState,
+    batch: Batch,
+    *,
+    config: TrainConfig,
+    number: int | Int[Array, ""] | None = None,
+    placement: Placement | None = None,
+) -> tuple[TrainState, dict[str, Array]]:
     """Update the weights once.
 
-    BatchNorm uses the statistics of the whole batch, on however many devices it lies.
+    BatchNorm uses the statistics of the whole batch, on however many devices it lies. With
+    ``config.accumulate`` above 1 it normalises each micro-batch with the statistics of that
+    micro-batch, on all devices together, and the running statistics move once, to the mean of
+    those of the micro-batches. Models without BatchNorm get the gradient of the whole batch, up to
+    rounding: errors are divided by the number of pixels of the whole batch.
+
+    If the loss or its gradient is not finite, the state is returned unchanged, its ``step`` too.
 
     Args:
         state: State before the step; its buffers are donated.
         batch: Training examples.
         config: Settings of the training.
+        number: Number of the step. If it is not that of the state, since an earlier step was
+            refused, the state is returned unchanged. By default the number of the state.
+        placement: Devices that share the batch; None is one device, or leaves it to JAX.
 
     Returns:
         The state after the step, and the metrics of the batch before it: ``loss``; the errors of
         the model's task, such as ``disparity_0``; ``badpix``, the percentage of pixels with an
-        error above 0.07; ``gradient_norm``, before clipping.
+        error above 0.07; ``gradient_norm``, before clipping; ``applied``, whether the state has
+        changed.
 
     Example:
         ::
@@ -120,13 +137,11 @@ def train_step(
             for step in range(100):
                 state, metrics = train_step(state, source(step), config=tiny.train)
     """
-    task = task_of(config.network, config.loss, config.precision)
-
-    def loss_of(params):
-        return task.loss(params, state.batch_stats, batch)
-
-    gradient = jax.value_and_grad(loss_of, has_aux=True)
-    (loss, (metrics, batch_stats)), gradients = gradient(state.params)
+    (loss, (metrics, batch_stats)), gradients = _gradient(state, batch, config, placement)
+    norm = optax.tree.norm(gradients)
+    applied = jnp.isfinite(loss) & jnp.isfinite(norm)
+    if number is not None:
+        applied &= state.step == number
     optimiser = make_optimiser(config.optimiser, config.steps)
     with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer power
         updates, opt_state = optimiser.update(gradients, state.opt_state, state.params)
@@ -135,8 +150,45 @@ def train_step(
     ema = optax.incremental_update(
         {"params": params, "batch_stats": batch_stats}, state.ema, 1.0 - decay
     )
-    metrics = {"loss": loss, **metrics, "gradient_norm": optax.tree.norm(gradients)}
-    return TrainState(state.step + 1, params, batch_stats, opt_state, ema), metrics
+    after = TrainState(state.step + 1, params, batch_stats, opt_state, ema)
+    after = jax.tree.map(partial(jnp.where, applied), after, state)
+    if placement is not None:
+        after = jax.lax.with_sharding_constraint(after, placement.state(after))
+    return after, {"loss": loss, **metrics, "gradient_norm": norm, "applied": applied}
+
+
+def _gradient(
+    state: TrainState, batch: Batch, config: TrainConfig, placement: Placement | None = None
+) -> tuple[tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]], dict]:
+    """Compute the loss of a batch, with the metrics and the new statistics, and its gradient."""
+    mesh = None if placement is None else placement.mesh
+    errors = task_of(config.network, config.loss, config.precision, mesh=mesh).errors
+    if config.rematerialise:
+        errors = jax.checkpoint(errors, policy=jax.checkpoint_policies.dots_saveable)
+    if config.accumulate > 1:
+        errors = partial(_accumulated, jax.checkpoint(errors), config.accumulate)
+
+    def loss_of(params):
+        sums, batch_stats = errors(params, state.batch_stats, batch)
+        means = {name: error.mean() for name, error in sums.items()}
+        return total_loss(means, config.loss), (means, batch_stats)
+
+    return jax.value_and_grad(loss_of, has_aux=True)(state.params)
+
+
+def _accumulated(
+    errors: Callable, count: int, params: dict, batch_stats: dict, batch: Batch
+) -> tuple[dict[str, WeightedSum], dict]:
+    """Compute the errors of a batch in micro-batches, one after the other."""
+
+    def split(field):
+        # Every device has an equal part of each micro-batch.
+        return jnp.moveaxis(field.reshape(-1, count, *field.shape[1:]), 1, 0)
+
+    sums, new_stats = jax.lax.map(
+        lambda micro_batch: errors(params, batch_stats, micro_batch), jax.tree.map(split, batch)
+    )
+    return sums, jax.tree.map(lambda statistic: statistic.mean(0), new_stats)
 
 
 def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:
@@ -150,14 +202,3 @@ def ema_decay(decay: float, step: Int[Array, ""]) -> Float[Array, ""]:
     """
     done = step.astype(jnp.float32)
     return jnp.minimum(decay, (1.0 + done) / (10.0 + done))
-
-
-def shardings(batch_size: int) -> tuple[NamedSharding, NamedSharding]:
-    """Return the placement of batches and of states with which all devices share a step.
-
-    A batch is divided over as many devices as divide it into equal parts, and a state is replicated
-    on each of them.
-    """
-    devices = jax.devices()
-    mesh = Mesh(np.array(devices[: math.gcd(batch_size, len(devices))]), ("devices",))
-    return NamedSharding(mesh, PartitionSpec("devices")), NamedSharding(mesh, PartitionSpec())

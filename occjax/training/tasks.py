@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from typing import Any, Protocol, runtime_checkable
 
-from jaxtyping import Array, Float
+from jax.sharding import Mesh
+from jaxtyping import Array
 
 from occjax.errors import InputError
 from occjax.models import ModelConfig, OccCasNetConfig, ProposalConfig
 from occjax.training.config import LossConfig, Precision
+from occjax.training.losses import WeightedSum
 from occjax.training.occcasnet import OccCasNetTask
 from occjax.training.proposal import ProposalTask
 from occjax.view_selection import Selection
@@ -41,10 +43,10 @@ class TrainingTask(Protocol):
         """
         ...
 
-    def loss(
+    def errors(
         self, params: dict, batch_stats: dict, batch: Any
-    ) -> tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]]:
-        """Compute the training loss of a batch.
+    ) -> tuple[dict[str, WeightedSum], dict]:
+        """Compute the errors of each example of a batch.
 
         Args:
             params: Parameters of the model.
@@ -52,14 +54,19 @@ class TrainingTask(Protocol):
             batch: Training examples, with a leading axis on every field.
 
         Returns:
-            The loss; the metrics to log, one of which is ``badpix`` (percentage of pixels with an
+            Errors by name, each summed over the pixels of each example: those of the loss
+            (:func:`occjax.training.losses.total_loss`) and ``badpix`` (percentage of pixels with an
             error above 0.07); and the new running statistics.
         """
         ...
 
 
 def task_of(
-    network: ModelConfig, loss: LossConfig | None = None, precision: Precision = "float32"
+    network: ModelConfig,
+    loss: LossConfig | None = None,
+    precision: Precision = "float32",
+    *,
+    mesh: Mesh | None = None,
 ) -> TrainingTask:
     """Return the training task of a model.
 
@@ -67,6 +74,7 @@ def task_of(
         network: Configuration of the model.
         loss: Settings of the loss; the defaults if None.
         precision: Type of the convolutions.
+        mesh: Devices that share a batch along the axis ``"data"``; None is one device.
 
     Returns:
         The task.
@@ -83,5 +91,5 @@ def task_of(
     if isinstance(network, OccCasNetConfig):
         return OccCasNetTask(network, loss, precision)
     if isinstance(network, ProposalConfig) and network.selector is not None:
-        return ProposalTask(network, loss, precision)
+        return ProposalTask(network, loss, precision, mesh)
     raise InputError("the model has no weights to train; choose another --network-preset")

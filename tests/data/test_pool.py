@@ -107,6 +107,8 @@ def test_the_batch_of_a_step_does_not_depend_on_earlier_requests(tmp_path):
     again = pool_source(tmp_path, 2, seed=1, augmentation=config)
     for step in (3, 0, 2):
         jax.tree.map(np.testing.assert_array_equal, again(step), batches[step])
+        last = jax.tree.map(lambda field: field[1:], batches[step])
+        jax.tree.map(np.testing.assert_array_equal, again(step, slice(1, 2)), last)
     assert batches[0].views.shape == (2, 1, 9, 4, 4)
     other = pool_source(tmp_path, 2, seed=2, augmentation=config)(0)
     assert not np.array_equal(other.views, batches[0].views)

@@ -101,6 +101,36 @@ def test_sources_that_do_not_fit_together_are_refused():
         mixture({numbered(1): 1.0, numbered(2, size=(3, 2)): 1.0})(0)
 
 
+def rows_of(source):
+    """Return a source that also returns rows, and notes which."""
+    requested = []
+
+    def with_rows(step, rows=slice(None)):
+        numbers = range(step * 4, step * 4 + 4)[rows]
+        requested.extend(numbers)
+        return jax.tree.map(lambda field: field[rows], source(step))
+
+    with_rows.requested = requested
+    return with_rows
+
+
+@pytest.mark.parametrize("processes", [2, 4])
+def test_the_rows_of_all_processes_are_the_batch_of_one(processes):
+    """Each process requests little more than its share of the samples."""
+    share, steps = 4 // processes, 30
+    whole = mixture({numbered(1): 0.61, numbered(2): 0.27, numbered(3): 0.12})
+    counts = []
+    for process in range(processes):
+        parts = [rows_of(numbered(name)) for name in (1, 2, 3)]
+        mine = mixture(dict(zip(parts, (0.61, 0.27, 0.12), strict=True)))
+        rows = slice(process * share, (process + 1) * share)
+        for step in range(steps):
+            assert numbers(mine(step, rows)) == numbers(whole(step))[rows]
+        counts.append(sum(len(part.requested) for part in parts))
+    assert max(counts) <= 2 * share * steps
+    assert sum(counts) <= 1.7 * 4 * steps
+
+
 CONFIG = SceneConfig(image_size=(8, 8), grid=(3, 3))
 
 
@@ -126,6 +156,8 @@ def test_light_fields_are_augmented_by_the_step_and_the_sample(make):
     first(0)
     assert first(1).views.shape == (2, 1, 9, 6, 6)
     jax.tree.map(np.testing.assert_array_equal, first(1), second(1))
+    last = jax.tree.map(lambda field: field[1:], first(1))
+    jax.tree.map(np.testing.assert_array_equal, second(1, slice(1, 2)), last)
     assert not np.array_equal(first(0).views, first(1).views)
     assert not np.array_equal(first(1).views[0], first(1).views[1])
 

@@ -1,7 +1,7 @@
 """``occjax train``: its options, and the check that one batch is learned."""
 
 import dataclasses
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import pytest
 import tyro
@@ -46,6 +46,24 @@ def test_a_recipe_without_options_is_trained_unchanged(started, tmp_path):
     assert started["run"] == recipe("tiny").run
     assert started["folder"] == tmp_path
     assert started["data"]["scenes"]["grid"] == (3, 3)
+
+
+def test_a_training_that_was_stopped_prints_the_command_that_resumes_it(
+    monkeypatch, tmp_path, capsys
+):
+    state = SimpleNamespace(step=3)
+    monkeypatch.setattr(command, "train", lambda *_, **__: Trained(state, False, tmp_path / "w"))
+    assert run(tmp_path / "a run", "--recipe", "tiny") == 0
+    printed = capsys.readouterr().out
+    expected = f"stopped after step 3; resume with: occjax train '{tmp_path}/a run' --recipe tiny"
+    assert printed.strip() == expected
+
+
+@pytest.mark.parametrize("options", [["--coordinator", "host:1"], ["--processes", "2"]])
+def test_an_address_without_its_numbers_is_refused(started, tmp_path, options):
+    with pytest.raises(InputError, match="HOST:PORT, --processes and --process together"):
+        run(tmp_path, "--recipe", "tiny", *options)
+    assert not started
 
 
 def test_any_field_can_be_changed(started, tmp_path):

@@ -17,7 +17,7 @@ from occjax.training.checkpoints import Checkpoints
 from tests.reference.variables import random_variables
 from tests.training.conftest import planes
 
-RUN = RunConfig(log_every=2, validate_every=2, prefetch=1)
+RUN = RunConfig(log_every=2, validate_every=2, prefetch=1, devices=1)
 
 
 def one_plane(step):

@@ -105,6 +105,8 @@ def test_a_source_gives_the_same_patches_for_the_same_step(pool, tmp_path):
     before = {path: path.read_bytes() for path in folder.iterdir()}
     again = prepared_source([pool], folder, NETWORK, seed=3, **options)
     jax.tree.map(np.testing.assert_array_equal, batch, again(0))
+    last = jax.tree.map(lambda field: field[1:], batch)
+    jax.tree.map(np.testing.assert_array_equal, again(0, slice(1, 2)), last)
     assert not np.array_equal(batch.disparity, again(4).disparity)
     other = prepared_source([pool], folder, NETWORK, seed=4, **options)
     assert not np.array_equal(batch.disparity, other(0).disparity)

@@ -7,9 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from occjax.training import cascade_loss, init_state, task_of, train_step
-from occjax.training.step import shardings, state_from_variables
+from occjax.errors import InputError
+from occjax.training import (
+    LossConfig,
+    TrainConfig,
+    cascade_loss,
+    init_state,
+    task_of,
+    train_step,
+)
+from occjax.training.placement import make_placement
+from occjax.training.step import state_from_variables
 from tests.reference.variables import random_variables
+from tests.training.conftest import PROPOSAL_NETWORK, planes
 
 
 def distance(one, other):
@@ -90,7 +100,7 @@ def test_metrics_are_those_of_the_weights_before_the_step(
         np.testing.assert_allclose(reports[2][name], value, rtol=1e-3, err_msg=name)
     assert distance(statistics, states[3].batch_stats) < 1e-5
     _, errors = cascade_loss(outputs, source(2), six_steps.loss)
-    assert set(reports[2]) == {*errors, "loss", "badpix", "gradient_norm"}
+    assert set(reports[2]) == {*errors, "loss", "badpix", "gradient_norm", "applied"}
 
 
 @pytest.mark.slow
@@ -113,11 +123,16 @@ def norm(tree):
 
 @pytest.mark.slow
 @pytest.mark.skipif(jax.device_count() < 2, reason="there is one device")
-def test_two_devices_compute_what_one_does(three_steps, six_steps, source):
-    batch_sharding, state_sharding = shardings(2)
-    assert len(batch_sharding.device_set) == 2
-    state = jax.device_put(first_state(six_steps), state_sharding)
-    state, metrics = train_step(state, jax.device_put(source(0), batch_sharding), config=six_steps)
+@pytest.mark.parametrize("shard_state", [False, True])
+def test_two_devices_compute_what_one_does(three_steps, six_steps, source, shard_state):
+    placement = make_placement(2, devices=2, shard_state=shard_state)
+    state = placement.place_state(first_state(six_steps))
+    batch = placement.place_batch(source(0))
+    state, metrics = train_step(state, batch, config=six_steps, placement=placement)
+    for array, sharding in zip(
+        jax.tree.leaves(state), jax.tree.leaves(placement.state(state)), strict=True
+    ):
+        assert array.sharding.is_equivalent_to(sharding, array.ndim)
     states, reports = three_steps
     for name, value in reports[0].items():
         np.testing.assert_allclose(metrics[name], value, rtol=1e-4, err_msg=name)
@@ -127,9 +142,78 @@ def test_two_devices_compute_what_one_does(three_steps, six_steps, source):
     assert distance(*first_moments) < 1e-5
 
 
-def test_devices_share_a_batch_evenly():
-    assert len(shardings(3)[0].device_set) == 1
-    assert len(shardings(4)[0].device_set) == min(jax.device_count(), 2)
+def test_a_batch_that_does_not_divide_is_refused_with_sizes_that_do():
+    devices = jax.device_count()
+    message = f"batch of {devices + 1} cannot be shared equally by {devices} devices; pass "
+    with pytest.raises(InputError, match=f"{message}--data.batch-size {devices} or {2 * devices}"):
+        make_placement(devices + 1)
+    with pytest.raises(InputError, match="a multiple of 6"):
+        make_placement(4, devices=1, accumulate=6)
+    with pytest.raises(InputError, match="devices is 99, but there are"):
+        make_placement(99, devices=99)
+
+
+def test_a_sharded_state_is_divided_along_its_largest_axis_that_can_be():
+    placement = make_placement(2, devices=2, shard_state=True)
+    shapes = {"wide": (3, 4, 8), "odd": (3, 5), "first": (6, 4), "none": ()}
+    state = {name: np.zeros(shape) for name, shape in shapes.items()}
+    parts = {
+        name: array.addressable_data(0).shape
+        for name, array in placement.place_state(state).items()
+    }
+    assert parts == {"wide": (3, 4, 4), "odd": (3, 5), "first": (3, 4), "none": ()}
+
+
+@pytest.mark.slow
+def test_micro_batches_give_the_gradient_of_the_whole_batch():
+    """Without BatchNorm, and although the pixels that count differ from sample to sample."""
+    config = TrainConfig(PROPOSAL_NETWORK, LossConfig(settled=0.2, distribution=0.3), steps=6)
+    batch = planes(0, count=4, size=(32, 32))
+    valid = batch.valid & (jnp.arange(32) >= jnp.array([0, 8, 16, 24])[:, None, None])
+    batch = batch._replace(valid=valid)
+    results = [
+        train_step(
+            first_state(config), batch, config=dataclasses.replace(config, accumulate=accumulate)
+        )
+        for accumulate in (1, 2)
+    ]
+    for name, value in results[0][1].items():
+        np.testing.assert_allclose(results[1][1][name], value, rtol=1e-4, err_msg=name)
+    first_moments = [state.opt_state[0].mu for state, _ in results]
+    assert distance(*first_moments) < 1e-5 * norm(first_moments[0])
+
+
+@pytest.mark.slow
+def test_the_statistics_of_micro_batches_are_averaged(three_steps, six_steps, source):
+    """Both micro-batches are the same: mean and variance are those of either."""
+    batch = jax.tree.map(lambda field: jnp.repeat(field, 2, axis=0), source(0))
+    config = dataclasses.replace(six_steps, accumulate=2)
+    state, metrics = train_step(first_state(six_steps), batch, config=config)
+    states, reports = three_steps
+    np.testing.assert_allclose(metrics["loss"], reports[0]["loss"], rtol=1e-4)
+    assert distance(state.batch_stats, states[1].batch_stats) < 1e-5
+
+
+@pytest.mark.slow
+def test_rematerialisation_changes_nothing_but_memory(three_steps, six_steps, source):
+    config = dataclasses.replace(six_steps, rematerialise=True)
+    state, metrics = train_step(first_state(six_steps), source(0), config=config)
+    states, reports = three_steps
+    np.testing.assert_allclose(metrics["loss"], reports[0]["loss"], rtol=1e-5)
+    assert distance(state.opt_state[1][0].mu, states[1].opt_state[1][0].mu) < 1e-5
+
+
+@pytest.mark.parametrize("wrong", ["loss", "number"])
+def test_a_refused_step_changes_nothing(three_steps, six_steps, source, wrong):
+    """Its loss is not finite, or an earlier step was refused."""
+    batch, number = source(0), 1
+    if wrong == "loss":
+        batch, number = batch._replace(views=batch.views * jnp.nan), 0
+    state, metrics = train_step(
+        first_state(six_steps), batch, number=np.int32(number), config=six_steps
+    )
+    assert not metrics["applied"]
+    assert distance(state, three_steps[0][0]) == 0.0
 
 
 @pytest.mark.slow
