@@ -10,6 +10,9 @@ belong to the user and nobody else can write them. The name of the file is a has
 program depends on: function, shapes, source code of occjax, JAX, its configuration, and the
 machine. A damaged file is replaced without a message.
 
+A program runs on one device, the default device of the thread (``jax.default_device``). All devices
+share the file, and each process loads it once for each device that it uses.
+
 If the user has configured JAX's persistent cache (``jax_compilation_cache_dir``), that is used and
 nothing is kept here.
 """
@@ -26,10 +29,12 @@ import stat
 import sys
 import tempfile
 import zlib
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import jax
@@ -40,10 +45,16 @@ from jax.experimental import serialize_executable
 MAX_CACHE_BYTES = 200_000_000
 """Size of the cache above which the programs that were not used for longest are removed."""
 
+MAX_LOADED_PROGRAMS = 16
+"""Programs of one function that a process keeps in memory for each device, of different shapes."""
+
 SUFFIX = ".program"
 
-_WITHOUT_EFFECT = ("cache", "dump", "explain", "log", "traceback")
+_WITHOUT_EFFECT = ("cache", "default_device", "dump", "explain", "log", "traceback")
 """Words in the names of options of JAX on which programs do not depend."""
+
+_locks: defaultdict[Path | None, Lock] = defaultdict(Lock)
+"""A lock for each program, held while it is compiled or loaded."""
 
 _report: ContextVar[Callable[[], None]] = ContextVar("report", default=lambda: None)
 
@@ -59,14 +70,18 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
         The function, compiled once per shape. It cannot be transformed by JAX.
     """
 
-    @functools.lru_cache(maxsize=64)
-    def compiled(structure: Any, shapes: tuple, static: tuple) -> Callable[..., Any]:
+    @cached_per_device(MAX_LOADED_PROGRAMS)
+    def compiled(
+        device: jax.Device, structure: Any, shapes: tuple, static: tuple
+    ) -> Callable[..., Any]:
         name = (function.__module__, function.__qualname__, static)
-        return load_or_compile(functools.partial(function, **dict(static)), structure, shapes, name)
+        partial = functools.partial(function, **dict(static))
+        return load_or_compile(partial, structure, shapes, name, device)
 
     @functools.wraps(function)
     def call(*arguments: Any, **static: Any) -> Any:
-        return compiled(*signature(arguments), tuple(sorted(static.items())))(*arguments)
+        options = tuple(sorted(static.items()))
+        return compiled(current_device(), *signature(arguments), options)(*arguments)
 
     return call
 
@@ -81,11 +96,47 @@ def signature(arguments: tuple) -> tuple[Any, tuple[jax.ShapeDtypeStruct, ...]]:
     return structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
 
 
+def cached_per_device(size: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that keeps the results of the last calls of a function for each device.
+
+    Args:
+        size: Number of results for each device, the first argument of the function.
+
+    Example:
+        >>> square = cached_per_device(1)(lambda device, number: print("computes") or number**2)
+        >>> square("gpu 0", 3), square("gpu 0", 3)
+        computes
+        (9, 9)
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.cache
+        def on(device: Any) -> Callable[..., Any]:
+            return functools.lru_cache(maxsize=size)(functools.partial(function, device))
+
+        return functools.wraps(function)(lambda device, *arguments: on(device)(*arguments))
+
+    return decorate
+
+
+def current_device() -> jax.Device:
+    """Return the device of the programs of this thread.
+
+    Example:
+        >>> with jax.default_device(jax.devices()[0]):
+        ...     current_device() == jax.devices()[0]
+        True
+    """
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
+    return chosen if isinstance(chosen, jax.Device) else jax.local_devices(backend=chosen)[0]
+
+
 def load_or_compile(
     function: Callable[..., Any],
     structure: Any,
     shapes: tuple[jax.ShapeDtypeStruct, ...],
     name: tuple | None,
+    device: jax.Device,
 ) -> Callable[..., Any]:
     """Return the compiled program of a function, from the cache or by compiling it.
 
@@ -96,28 +147,35 @@ def load_or_compile(
         name: What the function depends on, next to its arguments and the source code of occjax:
             its ``repr`` identifies it. None for a function that is not part of occjax; it is
             traced and identified by the result.
+        device: The device on which it runs.
 
     Returns:
         The program, which takes the arguments of the function.
     """
     arguments = jax.tree.unflatten(structure, shapes)
-    traced = None if name is not None else jax.jit(function).lower(*arguments)
+
+    def lower() -> jax.stages.Lowered:
+        with jax.default_device(device):
+            return jax.jit(function).lower(*arguments)
+
+    traced = None if name is not None else lower()
     folder, path = _private_folder(), None
     if folder is not None:
         identity = name if traced is None else (traced.as_text(),)
         assert identity is not None
-        path = folder / (_key(identity, structure, shapes) + SUFFIX)
+        path = folder / (_key(identity, structure, shapes, device) + SUFFIX)
 
     def build() -> Callable[..., Any]:
         _report.get()()
-        compiled = (traced or jax.jit(function).lower(*arguments)).compile()
+        compiled = (traced or lower()).compile()
         _release_memory()
         if path is not None:
             _write(path, compiled)
         return compiled
 
-    program = None if path is None else _read(path)
-    return build() if program is None else _replaced_if_broken(program, build)
+    with _locks[path]:  # The other devices load what the first one compiles.
+        program = None if path is None else _read(path, device)
+        return build() if program is None else _replaced_if_broken(program, build)
 
 
 @contextmanager
@@ -186,7 +244,7 @@ def _is_private(status: os.stat_result, is_kind: Callable[[int], bool]) -> bool:
     return is_kind(status.st_mode) and status.st_uid == os.geteuid() and not others_can_write
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path, device: jax.Device) -> Any:
     """Return the program in a file; None if there is none that can be used."""
     try:
         # The opened file is checked, since another one could replace it after a check of its path.
@@ -197,7 +255,7 @@ def _read(path: Path) -> Any:
         # Decompression finds damaged files by their checksum.
         serialized, inputs, outputs = pickle.loads(zlib.decompress(data))
         program = serialize_executable.deserialize_and_load(
-            serialized, inputs, outputs, execution_devices=jax.devices()[:1]
+            serialized, inputs, outputs, execution_devices=[device]
         )
         os.utime(path)
     except Exception:  # whatever is wrong with it, the program can be compiled again
@@ -246,7 +304,7 @@ def _replaced_if_broken(
     return call
 
 
-def _key(name: tuple, structure: Any, shapes: tuple) -> str:
+def _key(name: tuple, structure: Any, shapes: tuple, device: jax.Device) -> str:
     """Return a hash of everything that a program depends on."""
     settings = [
         (option, repr(value))
@@ -255,7 +313,8 @@ def _key(name: tuple, structure: Any, shapes: tuple) -> str:
     ]
     # Context managers change options that are not among these values, such as the default type.
     double = jax.dtypes.canonicalize_dtype("float64").name
-    parts = (name, str(structure), shapes, settings, double, _environment())
+    kind = (device.platform, device.device_kind)
+    parts = (name, str(structure), shapes, settings, double, kind, _environment())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
 
 

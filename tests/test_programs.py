@@ -37,7 +37,9 @@ def call():
 
         leaves, structure = jax.tree.flatten((array,))
         shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        program = programs.load_or_compile(multiply, structure, shapes, name)
+        program = programs.load_or_compile(
+            multiply, structure, shapes, name, programs.current_device()
+        )
         np.testing.assert_array_equal(program(array), np.float32(factor) * array)
         np.testing.assert_array_equal(program(array), np.float32(factor) * array)
         return bool(traced)

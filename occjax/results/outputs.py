@@ -25,8 +25,10 @@ The word before the colon is the group (:data:`occjax.results.groups.GROUPS`) by
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +41,7 @@ from occjax.io.pfm import write_pfm
 from occjax.lightfield import LightField, to_unit_float
 from occjax.results.conversion import convert_map, flying_pixels, point_cloud, write_points
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
-from occjax.results.summary import summary
+from occjax.results.summary import SUMMARY, summary
 from occjax.viz.pictures import confidence_picture, disparity_picture, error_picture, save_picture
 
 FILES = tuple(sorted([name for names in GROUPS.values() for name in names] + ["summary.json"]))
@@ -111,6 +113,8 @@ def write_outputs(
     light_field: LightField,
     folder: str | Path,
     options: OutputOptions | None = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
 ) -> Outputs:
     """Write an estimate as files, all of them or none.
 
@@ -120,6 +124,7 @@ def write_outputs(
         folder: Folder to write. In an existing folder the files of the table at the top of this
             module are replaced, or removed if they are not written now; other files are kept.
         options: What is written; None for the default.
+        settings: What the estimate was made from, for ``summary.json``.
 
     Returns:
         The files that were written, with notes and scores.
@@ -132,7 +137,7 @@ def write_outputs(
     signal = has_signal(light_field, estimate.confidence)
     in_cloud = _cloud_mask(estimate, signal, options.min_confidence)
     notes = (*estimate.notes, *_notes(light_field, metrics, signal, in_cloud, options))
-    with atomic_folder(folder, owned=FILES) as temporary:
+    with atomic_folder(folder, owned=FILES, marker=SUMMARY) as temporary:
         if "maps" in options.save:
             _write_maps(estimate, light_field, temporary)
         if "pictures" in options.save:
@@ -145,8 +150,11 @@ def write_outputs(
             _write_comparison(estimate, light_field, metrics, signal, temporary)
         if "occlusion" in options.save and estimate.occlusion is not None:
             _write_occlusion(estimate.occlusion, temporary)
-        text = json.dumps(summary(estimate, light_field, metrics, notes), indent=2)
-        (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
+        content = summary(estimate, light_field, metrics, notes)
+        content["files"] = sorted(path.name for path in temporary.iterdir())
+        content["settings"] = settings
+        text = json.dumps(content, indent=2)
+        (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
 

@@ -21,6 +21,10 @@
 ``peak_memory_mb``            number, largest memory of the process so far, 10^6 bytes
 ``versions``                  {occjax, jax, numpy, python}, strings
 ``notes``                     list of sentences for the user
+``files``                     list of the names of the other files that were written
+``settings``                  null, or what ``occjax estimate`` made the files from: {occjax,
+                              model, model_sha256, options, files_sha256}; a second call skips a
+                              scene whose settings are the same
 ============================  ==================================================================
 """
 

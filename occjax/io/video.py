@@ -1,0 +1,121 @@
+"""Videos and animated images, written atomically; the suffix of the file name gives the format."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from occjax.errors import InputError
+from occjax.io.atomic import atomic_path
+
+VIDEO_SUFFIXES = (".mp4", ".webp", ".gif")
+"""Suffixes of video files, in lower case; ``.mp4`` needs the extra ``video``."""
+
+
+def check_video(path: Path) -> None:
+    """Verify that a video of this name can be encoded, before its frames are computed.
+
+    Args:
+        path: File to write.
+
+    Raises:
+        InputError: If the suffix is not one of :data:`VIDEO_SUFFIXES`, or the extra is missing.
+
+    Example:
+        >>> check_video(Path("sweep.webp"))
+    """
+    suffix = path.suffix.lower()
+    if suffix not in VIDEO_SUFFIXES:
+        raise InputError(
+            f"{path}: a sequence of images needs the suffix {', '.join(VIDEO_SUFFIXES[:-1])} or "
+            f"{VIDEO_SUFFIXES[-1]}; rename it"
+        )
+    if suffix == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise InputError(
+            f"{path}: an .mp4 needs imageio-ffmpeg; run pip install 'occjax[video]', or write a "
+            ".webp"
+        )
+
+
+def write_video(
+    path: str | Path, frames: Iterable[np.ndarray], *, frames_per_second: float = 12.0
+) -> int:
+    """Write a video that repeats without end where the format can say so, atomically.
+
+    Args:
+        path: ``.mp4`` (H.264, for which an odd number of rows or columns is extended by one),
+            animated ``.webp`` or ``.gif`` (256 colours); an existing file is replaced.
+        frames: Images ``[H, W, 3]`` uint8 RGB of one size, at least one.
+        frames_per_second: Rate of display.
+
+    Returns:
+        The number of frames.
+
+    Raises:
+        InputError: If the suffix is another one, the extra ``video`` is missing, there is no frame,
+            or the file cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "blink.gif"
+        >>> write_video(path, (np.full((8, 8, 3), level, np.uint8) for level in (0, 255)))
+        2
+        >>> Image.open(path).n_frames
+        2
+    """
+    path = Path(path)
+    check_video(path)
+    counted, count = iter(frames), 0
+    first = next(counted, None)
+    if first is None:
+        raise InputError(f"{path}: there is no frame to write; pass at least one")
+
+    def all_frames() -> Iterator[np.ndarray]:
+        nonlocal count
+        for frame in chain([first], counted):
+            count += 1
+            yield frame
+
+    with atomic_path(path) as temporary:
+        if path.suffix.lower() == ".mp4":
+            _write_mp4(temporary, all_frames(), first.shape, frames_per_second)
+        else:
+            images = (Image.fromarray(frame) for frame in all_frames())
+            lossy = {"quality": 85} if path.suffix.lower() == ".webp" else {}
+            next(images).save(
+                temporary,
+                save_all=True,
+                append_images=images,
+                duration=round(1000 / frames_per_second),
+                loop=0,
+                **lossy,
+            )
+    return count
+
+
+def _write_mp4(
+    path: Path, frames: Iterable[np.ndarray], shape: tuple[int, ...], frames_per_second: float
+) -> None:
+    """Encode H.264 in the pixel format that all players know, which needs even sides."""
+    import imageio_ffmpeg
+
+    height, width = shape[0] + shape[0] % 2, shape[1] + shape[1] % 2
+    padding = ((0, height - shape[0]), (0, width - shape[1]), (0, 0))
+    encoder = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=frames_per_second, quality=8, macro_block_size=1
+    )
+    with warnings.catch_warnings():
+        # JAX warns of every fork; this one is followed by the start of ffmpeg.
+        warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
+        encoder.send(None)
+    try:
+        for frame in frames:
+            encoder.send(np.ascontiguousarray(np.pad(frame, padding, mode="edge")))
+    finally:
+        encoder.close()
