@@ -27,7 +27,6 @@ import pickle
 import platform
 import stat
 import sys
-import tempfile
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -41,6 +40,8 @@ import jax
 import jaxlib
 import platformdirs
 from jax.experimental import serialize_executable
+
+from occjax.io.atomic import atomic_path, remove_remains
 
 MAX_CACHE_BYTES = 200_000_000
 """Size of the cache above which the programs that were not used for longest are removed."""
@@ -216,7 +217,7 @@ def clear_cache() -> None:
 def _entries(folder: Path) -> list[tuple[int, int, Path]]:
     """Return time of last use, size and path of each program, the last used first."""
     found = []
-    for path in folder.glob(f"*{SUFFIX}"):
+    for path in folder.glob(f"[!.]*{SUFFIX}"):
         try:
             status = path.stat()
         except OSError:  # another process has removed it
@@ -267,9 +268,11 @@ def _write(path: Path, program: Any) -> None:
     """Keep a program if it can be kept; remove those that were not used for longest."""
     try:
         data = zlib.compress(pickle.dumps(serialize_executable.serialize(program)), 1)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:  # mode 0600
-            file.write(data)
-        os.replace(file.name, path)
+        with atomic_path(path) as temporary:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            with open(os.open(temporary, flags, mode=0o600), "wb") as file:
+                file.write(data)
+        remove_remains(path.parent)
         total = 0
         for _, size, other in _entries(path.parent):
             total += size
@@ -319,14 +322,25 @@ def _key(name: tuple, structure: Any, shapes: tuple, device: jax.Device) -> str:
 
 
 @functools.cache
-def _environment() -> tuple:
-    """Return what programs depend on that stays the same within a process."""
-    device = jax.devices()[0]
+def source_sha256() -> str:
+    """Return a hash of the source code of occjax, in hexadecimal digits.
+
+    Example:
+        >>> len(source_sha256())
+        64
+    """
     source = hashlib.sha256()
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         source.update(path.read_bytes())
+    return source.hexdigest()
+
+
+@functools.cache
+def _environment() -> tuple:
+    """Return what programs depend on that stays the same within a process."""
+    device = jax.devices()[0]
     return (
-        source.hexdigest(),
+        source_sha256(),
         (jax.__version__, jaxlib.__version__, platform.python_version()),
         (device.platform, device.device_kind, device.client.platform_version, jax.device_count()),
         (platform.machine(), _processor(), os.cpu_count()),

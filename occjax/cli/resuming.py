@@ -16,6 +16,7 @@ import numpy as np
 import occjax
 from occjax.estimators import Estimator
 from occjax.estimators.driver import program_identity
+from occjax.programs import source_sha256
 from occjax.results.outputs import FILES
 from occjax.results.summary import SUMMARY
 
@@ -28,8 +29,8 @@ def estimator_settings(estimator: Estimator, options: Mapping[str, Any]) -> dict
         options: Options of the command, by name.
 
     Returns:
-        ``occjax`` (version), ``model``, ``model_sha256`` (of its configuration and its weights) and
-        ``options``.
+        ``occjax`` (version), ``source_sha256`` (of the code, which changes between versions),
+        ``model``, ``model_sha256`` (of its configuration and its weights) and ``options``.
     """
     digest = hashlib.sha256(repr(program_identity(estimator)).encode())
     weights, _ = jax.tree_util.tree_flatten_with_path(getattr(estimator, "variables", {}))
@@ -39,6 +40,7 @@ def estimator_settings(estimator: Estimator, options: Mapping[str, Any]) -> dict
         digest.update(array.tobytes())
     settings = {
         "occjax": occjax.__version__,
+        "source_sha256": source_sha256(),
         "model": estimator.name,
         "model_sha256": digest.hexdigest(),
         # JSON has no infinity, for instance of the focus distance.

@@ -245,7 +245,7 @@ class _Pipelines:
                 f"{error.path}: cannot be written ({error.reason}); stopped after {self._written} "
                 f"of {total} scenes; free space or choose another place, then run the command again"
             ) from error
-        return self._failed
+        return {scene: self._failed[scene] for scene in self._names if scene in self._failed}
 
     def _run_on(self, device: jax.Device) -> None:
         """Estimate one scene after the other on a device, until none remains."""
@@ -377,7 +377,7 @@ def _report_skipped(skipped: int, shared: list[Path], names: dict[Path, str]) ->
         what = names[shared[0]] if len(names) == 1 else f"{skipped} of {len(shared)} scenes"
         verb = "is" if skipped == 1 else "are"
         print(
-            f"{what}: {verb} complete with the same settings and skipped; pass --overwrite to "
+            f"{what} {verb} complete with the same settings and skipped; pass --overwrite to "
             "estimate again"
         )
 

@@ -26,6 +26,12 @@ MAX_WRITING_SECONDS = 24 * 3600.0
 """Age above which a temporary file of another machine is taken for that of a killed process."""
 
 
+TEMPORARY_NAME = re.compile(
+    r"\..+\.(?P<machine>[0-9a-f]{8})-(?P<pid>\d{1,9})-[0-9a-f]{8}(\.[^.]*)?", re.DOTALL
+)
+"""Names of temporary files and folders; see :func:`_temporary_path`."""
+
+
 class CannotWriteError(InputError):
     """A file or folder cannot be written.
 
@@ -186,7 +192,7 @@ def remove_remains(folder: str | Path) -> list[Path]:
     removed = []
     with suppress(OSError):
         for entry in list(os.scandir(folder)):
-            made_by = _TEMPORARY_NAME.fullmatch(entry.name)
+            made_by = TEMPORARY_NAME.fullmatch(entry.name)
             if made_by is None or not _is_abandoned(entry, made_by["machine"], int(made_by["pid"])):
                 continue
             if entry.is_dir(follow_symlinks=False):
@@ -208,11 +214,6 @@ def _is_abandoned(entry: os.DirEntry, machine: str, pid: int) -> bool:
     except OSError:  # a process of another user
         return False
     return False
-
-
-_TEMPORARY_NAME = re.compile(
-    r"\..+\.(?P<machine>[0-9a-f]{8})-(?P<pid>\d{1,9})-[0-9a-f]{8}(\.[^.]*)?", re.DOTALL
-)
 
 
 def _temporary_path(path: Path) -> Path:

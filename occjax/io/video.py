@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -66,7 +67,8 @@ def write_video(
         >>> path = Path(tempfile.mkdtemp()) / "blink.gif"
         >>> write_video(path, (np.full((8, 8, 3), level, np.uint8) for level in (0, 255)))
         2
-        >>> Image.open(path).n_frames
+        >>> with Image.open(path) as image:
+        ...     image.n_frames
         2
     """
     path = Path(path)
@@ -87,7 +89,7 @@ def write_video(
             _write_mp4(temporary, all_frames(), first.shape, frames_per_second)
         else:
             images = (Image.fromarray(frame) for frame in all_frames())
-            lossy = {"quality": 85} if path.suffix.lower() == ".webp" else {}
+            lossy: dict[str, Any] = {"quality": 85} if path.suffix.lower() == ".webp" else {}
             next(images).save(
                 temporary,
                 save_all=True,

@@ -23,8 +23,8 @@
 ``notes``                     list of sentences for the user
 ``files``                     list of the names of the other files that were written
 ``settings``                  null, or what ``occjax estimate`` made the files from: {occjax,
-                              model, model_sha256, options, files_sha256}; a second call skips a
-                              scene whose settings are the same
+                              source_sha256, model, model_sha256, options, files_sha256}; a second
+                              call skips a scene whose settings are the same
 ============================  ==================================================================
 """
 

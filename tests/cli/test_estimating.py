@@ -7,10 +7,12 @@ import sys
 import threading
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from occjax.cli import scenes
+from occjax.cli.options import ViewOrderOptions
 from occjax.data.bundled_sample import sample
 from occjax.io import read_pfm
 
@@ -78,7 +80,7 @@ finally:
 @pytest.mark.slow
 def test_a_second_run_of_one_shape_traces_nothing(scene, tmp_path):
     def run():
-        arguments = ("estimate", scene, "-o", tmp_path / "out", *FAST)
+        arguments = ("estimate", scene, "-o", tmp_path / "out", "--overwrite", *FAST)
         done = subprocess.run(
             [sys.executable, "-c", TRACES, *arguments],
             env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
@@ -114,11 +116,11 @@ def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_pat
     (tmp_path / "broken").mkdir()
     order = (places[0], tmp_path / "broken", *places[1:])
     began = [threading.Event() for _ in order]
-    read, estimate = scenes._read, scenes.run_estimator
+    read, estimate = ViewOrderOptions.load, scenes.run_estimator
 
-    def recorded_read(scene, *options):
+    def recorded_read(view_order, scene):
         began[order.index(scene)].set()
-        return read(scene, *options)
+        return read(view_order, scene)
 
     def recorded_estimate(estimator, light_field, **options):
         number = [place.name for place in order].index(light_field.name)
@@ -127,8 +129,10 @@ def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_pat
         assert not any(event.is_set() for event in began[number + 2 :])
         return estimate(estimator, light_field, **options)
 
-    monkeypatch.setattr(scenes, "_read", recorded_read)
+    monkeypatch.setattr(ViewOrderOptions, "load", recorded_read)
     monkeypatch.setattr(scenes, "run_estimator", recorded_estimate)
+    devices = jax.local_devices()[:1]
+    monkeypatch.setattr(jax, "local_devices", lambda *_, **__: devices)
     code, out, err = run("estimate", *order, "-o", tmp_path / "out", *FAST)
     assert code == 1
     reports = [line.split(":")[0] for line in out.splitlines() if not line.startswith(" ")]
@@ -140,10 +144,10 @@ def test_failing_scenes_do_not_stop_the_others(run, scene, write_scene, tmp_path
     (tmp_path / "broken").mkdir()
     copy, write = write_scene(tmp_path / "copy"), scenes.write_outputs
 
-    def fail_on_copy(estimate, light_field, folder, options):
+    def fail_on_copy(estimate, light_field, folder, options, **settings):
         if folder.name == "copy":
             raise RuntimeError("out of luck")
-        return write(estimate, light_field, folder, options)
+        return write(estimate, light_field, folder, options, **settings)
 
     monkeypatch.setattr(scenes, "write_outputs", fail_on_copy)
     code, out, err = run(
