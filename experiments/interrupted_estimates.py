@@ -61,11 +61,10 @@ def interrupt_estimates(kills: int = 10, scenes: int = 60, seed: int = 0) -> int
         seconds = time.perf_counter() - begin
         different = _different_files(whole, results)
         print(f"killed {killed} times, {writing} of them while files were written")
-        print(
-            f"last run: exit code {code}, {seconds:.1f} s, {len(_remains(results))} temporary left"
-        )
+        left = len(_remains(results))
+        print(f"last run: exit code {code}, {seconds:.1f} s, {left} temporary files left")
         print(f"files that differ from the uninterrupted run: {', '.join(different) or 'none'}")
-    return int(bool(different or code))
+    return int(bool(different or code or left))
 
 
 def _write_scenes(folder: Path, count: int) -> None:

@@ -145,7 +145,9 @@ def test_processes_share_the_scenes_and_the_last_one_completes_the_table(
     run, folder, tmp_path, estimator
 ):
     _, estimated = estimator
-    share = ("estimate", folder, "-o", tmp_path / "out", "--save", "maps", "--share")
+    (tmp_path / "list.txt").write_text(f"{folder}\n")
+    given = ("--scenes-from", tmp_path / "list.txt", "-o", tmp_path / "out")
+    share = ("estimate", *given, "--save", "maps", "--share")
     run(*share, 1, 2)
     table = json.loads((tmp_path / "out/scenes.json").read_text())
     assert [row["state"] for row in table] == ["missing", "complete", "missing"]
