@@ -184,7 +184,7 @@ def test_a_full_disk_stops_the_command_after_the_first_scene(
     assert len(lines) == 1
     assert "cannot be written (no space left on device); stopped after" in lines[0]
     assert "Traceback" not in err
-    assert len(estimated) <= 4  # of 13: at most two more were begun
+    assert len(estimated) <= 8  # of 13: each of the two devices may have begun a few more
     left = names(tmp_path / "out")
     assert not [name for name in left if name.startswith(".")]
     assert "scene10/summary.json" not in left
@@ -282,7 +282,8 @@ def test_a_video_has_numbered_frames_of_one_range_and_one_colour_scale(
     colours = [tuple(frame[0, 0]) for frame in drawn[1:]]
     # The range of a map of one value is that value and half a pixel on both sides.
     for colour, level in zip(colours, (0.1, 0.2, 0.3), strict=True):
-        assert colour == colormaps["viridis"]((level + 0.4) / 1.2, bytes=True)[:3]
+        expected = colormaps["viridis"]((level + 0.4) / 1.2, bytes=True)[:3]
+        np.testing.assert_allclose(colour, expected, atol=2)
     assert "3 frames written to" in out
     write_scene(folder / "scene11.npz", 0.4, size=(6, 10))
     code, _, err = run("estimate", "--video", folder, "-o", tmp_path / "out")
