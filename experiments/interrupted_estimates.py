@@ -23,7 +23,10 @@ from occjax.data.bundled_sample import sample
 from occjax.io.atomic import TEMPORARY_NAME
 
 MAX_SECONDS_TO_KILL = 1.5
-"""Time after the first new file of a run within which it is killed."""
+"""Time after the first new file of a run within which it is killed, in every second run."""
+
+MAX_SECONDS_IN_WRITING = 0.03
+"""Time after the first temporary file of a run within which it is killed, in the other runs."""
 
 
 def interrupt_estimates(kills: int = 10, scenes: int = 60, seed: int = 0) -> int:
@@ -44,11 +47,16 @@ def interrupt_estimates(kills: int = 10, scenes: int = 60, seed: int = 0) -> int
         _start(given, whole).wait()
         killed, writing = 0, 0
         for number in range(kills):
-            before = _complete(results)
+            before, earlier = _complete(results), set(_remains(results))
             process = _start(given, results)
-            while process.poll() is None and not _remains(results) and _complete(results) == before:
-                time.sleep(0.002)
-            time.sleep(generator.uniform(0.0, MAX_SECONDS_TO_KILL))
+            while (
+                process.poll() is None
+                and set(_remains(results)) <= earlier
+                and (number % 2 or _complete(results) == before)
+            ):
+                time.sleep(0.0005)
+            limit = MAX_SECONDS_IN_WRITING if number % 2 else MAX_SECONDS_TO_KILL
+            time.sleep(generator.uniform(0.0, limit))
             process.kill()
             if process.wait() == 0:
                 break

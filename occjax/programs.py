@@ -10,8 +10,8 @@ belong to the user and nobody else can write them. The name of the file is a has
 program depends on: function, shapes, source code of occjax, JAX, its configuration, and the
 machine. A damaged file is replaced without a message.
 
-A program runs on one device, the default device of the thread (``jax.default_device``). All devices
-share the file, and each process loads it once for each device that it uses.
+A program runs on one device, the default device of the thread (``jax.default_device``), and is
+compiled for each device, since XLA cannot load it on another one.
 
 If the user has configured JAX's persistent cache (``jax_compilation_cache_dir``), that is used and
 nothing is kept here.
@@ -28,12 +28,10 @@ import platform
 import stat
 import sys
 import zlib
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import jax
@@ -53,9 +51,6 @@ SUFFIX = ".program"
 
 _WITHOUT_EFFECT = ("cache", "default_device", "dump", "explain", "log", "traceback")
 """Words in the names of options of JAX on which programs do not depend."""
-
-_locks: defaultdict[Path | None, Lock] = defaultdict(Lock)
-"""A lock for each program, held while it is compiled or loaded."""
 
 _report: ContextVar[Callable[[], None]] = ContextVar("report", default=lambda: None)
 
@@ -174,9 +169,8 @@ def load_or_compile(
             _write(path, compiled)
         return compiled
 
-    with _locks[path]:  # The other devices load what the first one compiles.
-        program = None if path is None else _read(path, device)
-        return build() if program is None else _replaced_if_broken(program, build)
+    program = None if path is None else _read(path, device)
+    return build() if program is None else _replaced_if_broken(program, build)
 
 
 @contextmanager
@@ -316,8 +310,8 @@ def _key(name: tuple, structure: Any, shapes: tuple, device: jax.Device) -> str:
     ]
     # Context managers change options that are not among these values, such as the default type.
     double = jax.dtypes.canonicalize_dtype("float64").name
-    kind = (device.platform, device.device_kind)
-    parts = (name, str(structure), shapes, settings, double, kind, _environment())
+    target = (device.platform, device.device_kind, device.id)
+    parts = (name, str(structure), shapes, settings, double, target, _environment())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
 
 
