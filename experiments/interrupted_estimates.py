@@ -47,11 +47,11 @@ def interrupt_estimates(kills: int = 10, scenes: int = 60, seed: int = 0) -> int
         _start(given, whole).wait()
         killed, writing = 0, 0
         for number in range(kills):
-            before, earlier = _complete(results), set(_remains(results))
+            before, earlier = _complete(results), _begun(results)
             process = _start(given, results)
             while (
                 process.poll() is None
-                and set(_remains(results)) <= earlier
+                and _begun(results) <= earlier
                 and (number % 2 or _complete(results) == before)
             ):
                 time.sleep(0.0005)
@@ -101,6 +101,11 @@ def _start(scenes: Path, results: Path) -> subprocess.Popen:
 def _complete(results: Path) -> int:
     """Return the number of complete scenes."""
     return len(list(results.glob("*/summary.json")))
+
+
+def _begun(results: Path) -> set[Path]:
+    """Return the temporary folders of scenes; not those that test whether a folder is writable."""
+    return set(results.glob(".scene???.*"))
 
 
 def _remains(results: Path) -> list[Path]:
