@@ -30,7 +30,7 @@ from occjax.cli.frames import FrameReader, write_disparity_video
 from occjax.cli.options import CameraOptions, ViewOrderOptions
 from occjax.cli.resuming import complete_summary, estimator_settings, files_sha256
 from occjax.cli.running import collect_warnings, print_warning
-from occjax.cli.table import Row, row, write_table
+from occjax.cli.table import Row, row, stored_failures, write_table
 from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, run_estimator
 from occjax.estimators.protocol import DisparityRange
@@ -133,6 +133,17 @@ def estimate_scenes(
     def completed(scene: Path) -> dict[str, Any] | None:
         return complete_summary(folder / names[scene], settings.of(scene))
 
+    def collected() -> list[Row]:
+        elsewhere = stored_failures(folder)
+        rows = []
+        for scene, name in names.items():
+            summary = None if scene in failed else completed(scene)
+            error = failed.get(scene)
+            if summary is None and scene not in shared:  # Another process may have tried.
+                error = elsewhere.get(name)
+            rows.append(row(name, scene, summary, error))
+        return rows
+
     remove_remains(folder)
     index, count = run.share
     shared = list(names)[index::count]
@@ -156,13 +167,7 @@ def estimate_scenes(
         )
         failed = pipelines.run()
     if len(names) > 1:
-        rows = write_table(
-            folder,
-            lambda: [
-                row(name, scene, None if scene in failed else completed(scene), failed.get(scene))
-                for scene, name in names.items()
-            ],
-        )
+        rows = write_table(folder, collected)
         if rate is not None and not any(entry["state"] == "missing" for entry in rows):
             _write_video(folder, rows, rate)
     if failed:

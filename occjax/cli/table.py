@@ -54,6 +54,23 @@ def row(
     return entry
 
 
+def stored_failures(folder: Path) -> dict[str, str]:
+    """Return the reasons of the failures in an existing table, by the name of the scene.
+
+    Args:
+        folder: Folder of the results.
+
+    Example:
+        >>> stored_failures(Path("nowhere"))
+        {}
+    """
+    try:
+        rows = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))
+        return {entry["scene"]: entry["error"] for entry in rows if entry["state"] == "failed"}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}  # there is none, or it is damaged and will be replaced
+
+
 def write_table(folder: Path, rows: Callable[[], list[Row]]) -> list[Row]:
     """Write the table as CSV and JSON.
 

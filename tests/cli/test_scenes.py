@@ -148,13 +148,14 @@ def test_processes_share_the_scenes_and_the_last_one_completes_the_table(
     (tmp_path / "list.txt").write_text(f"{folder}\n")
     given = ("--scenes-from", tmp_path / "list.txt", "-o", tmp_path / "out")
     share = ("estimate", *given, "--save", "maps", "--share")
-    run(*share, 1, 2)
+    (folder / "scene5.npz").write_text("no array")
+    assert run(*share, 0, 2)[0] == 1
     table = json.loads((tmp_path / "out/scenes.json").read_text())
-    assert [row["state"] for row in table] == ["missing", "complete", "missing"]
-    run(*share, 0, 2)
+    assert [row["state"] for row in table] == ["complete", "missing", "failed", "missing"]
+    assert run(*share, 1, 2)[0] == 0
     assert len(estimated) == 3
     table = json.loads((tmp_path / "out/scenes.json").read_text())
-    assert [row["state"] for row in table] == ["complete"] * 3
+    assert [row["state"] for row in table] == ["complete", "complete", "failed", "complete"]
     code, _, err = run(*share, 2, 2)
     assert code == 2
     assert "from 0 to 1" in err
