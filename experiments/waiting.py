@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -164,6 +165,7 @@ class _Version:
                 for file in self.scene.iterdir():
                     (folder / file.name).symlink_to(file)
         output = self.folder / "results"
+        shutil.rmtree(output, ignore_errors=True)  # complete scenes would be skipped
         places = sorted(links.iterdir())
         seconds, _ = self._python("-m", "occjax", "estimate", *places, "-o", output)
         summary = json.loads((output / "scene0/summary.json").read_text(encoding="utf-8"))

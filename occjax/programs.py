@@ -10,6 +10,9 @@ belong to the user and nobody else can write them. The name of the file is a has
 program depends on: function, shapes, source code of occjax, JAX, its configuration, and the
 machine. A damaged file is replaced without a message.
 
+A program runs on one device, the default device of the thread (``jax.default_device``), and is
+compiled for each device, since XLA cannot load it on another one.
+
 If the user has configured JAX's persistent cache (``jax_compilation_cache_dir``), that is used and
 nothing is kept here.
 """
@@ -25,6 +28,7 @@ import platform
 import stat
 import sys
 import tempfile
+import time
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -40,9 +44,17 @@ from jax.experimental import serialize_executable
 MAX_CACHE_BYTES = 200_000_000
 """Size of the cache above which the programs that were not used for longest are removed."""
 
+MAX_LOADED_PROGRAMS = 16
+"""Programs of one function that a process keeps in memory for each device, of different shapes."""
+
 SUFFIX = ".program"
 
-_WITHOUT_EFFECT = ("cache", "dump", "explain", "log", "traceback")
+TEMPORARY_SUFFIX = ".temporary"
+
+MAX_WRITING_SECONDS = 3600.0
+"""Age above which a temporary file is taken for that of a killed process, and removed."""
+
+_WITHOUT_EFFECT = ("cache", "default_device", "dump", "explain", "log", "traceback")
 """Words in the names of options of JAX on which programs do not depend."""
 
 _report: ContextVar[Callable[[], None]] = ContextVar("report", default=lambda: None)
@@ -59,14 +71,18 @@ def kept(function: Callable[..., Any]) -> Callable[..., Any]:
         The function, compiled once per shape. It cannot be transformed by JAX.
     """
 
-    @functools.lru_cache(maxsize=64)
-    def compiled(structure: Any, shapes: tuple, static: tuple) -> Callable[..., Any]:
+    @cached_per_device(MAX_LOADED_PROGRAMS)
+    def compiled(
+        device: jax.Device, structure: Any, shapes: tuple, static: tuple
+    ) -> Callable[..., Any]:
         name = (function.__module__, function.__qualname__, static)
-        return load_or_compile(functools.partial(function, **dict(static)), structure, shapes, name)
+        partial = functools.partial(function, **dict(static))
+        return load_or_compile(partial, structure, shapes, name, device)
 
     @functools.wraps(function)
     def call(*arguments: Any, **static: Any) -> Any:
-        return compiled(*signature(arguments), tuple(sorted(static.items())))(*arguments)
+        options = tuple(sorted(static.items()))
+        return compiled(current_device(), *signature(arguments), options)(*arguments)
 
     return call
 
@@ -81,11 +97,47 @@ def signature(arguments: tuple) -> tuple[Any, tuple[jax.ShapeDtypeStruct, ...]]:
     return structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
 
 
+def cached_per_device(size: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that keeps the results of the last calls of a function for each device.
+
+    Args:
+        size: Number of results for each device, the first argument of the function.
+
+    Example:
+        >>> square = cached_per_device(1)(lambda device, number: print("computes") or number**2)
+        >>> square("gpu 0", 3), square("gpu 0", 3)
+        computes
+        (9, 9)
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.cache
+        def on(device: Any) -> Callable[..., Any]:
+            return functools.lru_cache(maxsize=size)(functools.partial(function, device))
+
+        return functools.wraps(function)(lambda device, *arguments: on(device)(*arguments))
+
+    return decorate
+
+
+def current_device() -> jax.Device:
+    """Return the device of the programs of this thread.
+
+    Example:
+        >>> with jax.default_device(jax.devices()[0]):
+        ...     current_device() == jax.devices()[0]
+        True
+    """
+    chosen = jax.config.jax_default_device  # type: ignore[attr-defined]
+    return chosen if isinstance(chosen, jax.Device) else jax.local_devices(backend=chosen)[0]
+
+
 def load_or_compile(
     function: Callable[..., Any],
     structure: Any,
     shapes: tuple[jax.ShapeDtypeStruct, ...],
     name: tuple | None,
+    device: jax.Device,
 ) -> Callable[..., Any]:
     """Return the compiled program of a function, from the cache or by compiling it.
 
@@ -96,27 +148,33 @@ def load_or_compile(
         name: What the function depends on, next to its arguments and the source code of occjax:
             its ``repr`` identifies it. None for a function that is not part of occjax; it is
             traced and identified by the result.
+        device: The device on which it runs.
 
     Returns:
         The program, which takes the arguments of the function.
     """
     arguments = jax.tree.unflatten(structure, shapes)
-    traced = None if name is not None else jax.jit(function).lower(*arguments)
+
+    def lower() -> jax.stages.Lowered:
+        with jax.default_device(device):
+            return jax.jit(function).lower(*arguments)
+
+    traced = None if name is not None else lower()
     folder, path = _private_folder(), None
     if folder is not None:
         identity = name if traced is None else (traced.as_text(),)
         assert identity is not None
-        path = folder / (_key(identity, structure, shapes) + SUFFIX)
+        path = folder / (_key(identity, structure, shapes, device) + SUFFIX)
 
     def build() -> Callable[..., Any]:
         _report.get()()
-        compiled = (traced or jax.jit(function).lower(*arguments)).compile()
+        compiled = (traced or lower()).compile()
         _release_memory()
         if path is not None:
             _write(path, compiled)
         return compiled
 
-    program = None if path is None else _read(path)
+    program = None if path is None else _read(path, device)
     return build() if program is None else _replaced_if_broken(program, build)
 
 
@@ -186,7 +244,7 @@ def _is_private(status: os.stat_result, is_kind: Callable[[int], bool]) -> bool:
     return is_kind(status.st_mode) and status.st_uid == os.geteuid() and not others_can_write
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path, device: jax.Device) -> Any:
     """Return the program in a file; None if there is none that can be used."""
     try:
         # The opened file is checked, since another one could replace it after a check of its path.
@@ -197,7 +255,7 @@ def _read(path: Path) -> Any:
         # Decompression finds damaged files by their checksum.
         serialized, inputs, outputs = pickle.loads(zlib.decompress(data))
         program = serialize_executable.deserialize_and_load(
-            serialized, inputs, outputs, execution_devices=jax.devices()[:1]
+            serialized, inputs, outputs, execution_devices=[device]
         )
         os.utime(path)
     except Exception:  # whatever is wrong with it, the program can be compiled again
@@ -209,9 +267,14 @@ def _write(path: Path, program: Any) -> None:
     """Keep a program if it can be kept; remove those that were not used for longest."""
     try:
         data = zlib.compress(pickle.dumps(serialize_executable.serialize(program)), 1)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:  # mode 0600
+        with tempfile.NamedTemporaryFile(  # mode 0600
+            dir=path.parent, prefix=".", suffix=TEMPORARY_SUFFIX, delete=False
+        ) as file:
             file.write(data)
         os.replace(file.name, path)
+        for remains in path.parent.glob(f".*{TEMPORARY_SUFFIX}"):
+            if time.time() - remains.stat().st_mtime > MAX_WRITING_SECONDS:
+                remains.unlink(missing_ok=True)
         total = 0
         for _, size, other in _entries(path.parent):
             total += size
@@ -246,7 +309,7 @@ def _replaced_if_broken(
     return call
 
 
-def _key(name: tuple, structure: Any, shapes: tuple) -> str:
+def _key(name: tuple, structure: Any, shapes: tuple, device: jax.Device) -> str:
     """Return a hash of everything that a program depends on."""
     settings = [
         (option, repr(value))
@@ -255,19 +318,31 @@ def _key(name: tuple, structure: Any, shapes: tuple) -> str:
     ]
     # Context managers change options that are not among these values, such as the default type.
     double = jax.dtypes.canonicalize_dtype("float64").name
-    parts = (name, str(structure), shapes, settings, double, _environment())
+    target = (device.platform, device.device_kind, device.id)
+    parts = (name, str(structure), shapes, settings, double, target, _environment())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
+
+
+@functools.cache
+def source_sha256() -> str:
+    """Return a hash of the source code of occjax, in hexadecimal digits.
+
+    Example:
+        >>> len(source_sha256())
+        64
+    """
+    source = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        source.update(path.read_bytes())
+    return source.hexdigest()
 
 
 @functools.cache
 def _environment() -> tuple:
     """Return what programs depend on that stays the same within a process."""
     device = jax.devices()[0]
-    source = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        source.update(path.read_bytes())
     return (
-        source.hexdigest(),
+        source_sha256(),
         (jax.__version__, jaxlib.__version__, platform.python_version()),
         (device.platform, device.device_kind, device.client.platform_version, jax.device_count()),
         (platform.machine(), _processor(), os.cpu_count()),

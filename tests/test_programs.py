@@ -1,7 +1,9 @@
 """Compiled programs in the user's cache folder: what is kept, and what is never loaded."""
 
+import gc
 import os
 import pickle
+import weakref
 import zlib
 
 import jax
@@ -37,7 +39,9 @@ def call():
 
         leaves, structure = jax.tree.flatten((array,))
         shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-        program = programs.load_or_compile(multiply, structure, shapes, name)
+        program = programs.load_or_compile(
+            multiply, structure, shapes, name, programs.current_device()
+        )
         np.testing.assert_array_equal(program(array), np.float32(factor) * array)
         np.testing.assert_array_equal(program(array), np.float32(factor) * array)
         return bool(traced)
@@ -140,3 +144,19 @@ def test_a_folder_that_cannot_be_made_is_no_error(folder, call, tmp_path, monkey
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert call()
     assert call()
+
+
+def test_programs_that_were_not_used_for_longest_leave_the_memory():
+    class Program:
+        pass
+
+    @programs.cached_per_device(2)
+    def compiled(device, shape):
+        return Program()
+
+    held = [weakref.ref(compiled("cpu 0", shape)) for shape in (1, 2, 3)]
+    other = weakref.ref(compiled("cpu 1", 1))
+    gc.collect()
+    assert [program() is None for program in held] == [True, False, False]
+    assert compiled("cpu 0", 3) is held[2]()
+    assert compiled("cpu 1", 1) is other()

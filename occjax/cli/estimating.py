@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +22,8 @@ def estimate_command(
             tuple[Path, ...],
             arg(
                 metavar="SCENE...",
-                help="Folders of views, images of all views, or array files.",
+                help="Folders of views, images of all views, array files; folders of these; or "
+                "patterns in quotes, such as 'hci/*'.",
                 help_behavior_hint="",
             ),
         ]
@@ -73,37 +75,72 @@ def estimate_command(
         Annotated[
             bool,
             arg(
-                help="Also write FOLDER/report.html, one page on all scenes (extra report).",
+                help="Also write the occlusion maps, and FOLDER/report.html, a page on all scenes "
+                "(extra report).",
                 help_behavior_hint="",
             ),
         ]
     ] = False,
+    scenes_from: Annotated[
+        Path | None, option("Text file with one more scene or pattern on each line.", "FILE")
+    ] = None,
+    overwrite: Annotated[
+        bool,
+        arg(help="Estimate again what is complete with the same settings."),
+    ] = False,
+    share: Annotated[
+        tuple[int, int] | None,
+        pair(int),
+        option(
+            "Estimate only every COUNT-th scene from number INDEX, counted from 0: one of COUNT "
+            "processes, on any machines, that write to the same folder.",
+            "INDEX COUNT",
+        ),
+    ] = None,
+    video: Annotated[
+        bool,
+        arg(
+            help="The scenes are the frames of one video, in this order: one disparity range, one "
+            "numbered folder for each frame, and disparity.mp4."
+        ),
+    ] = False,
+    fps: Annotated[float, arg(metavar="RATE", help="Frames per second of disparity.mp4.")] = 25.0,
     camera: OmitArgPrefixes[CameraOptions] = CameraOptions(),
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Estimate disparity maps and write them, with pictures, to one folder per scene."""
-    if not scenes:
+    if not scenes and scenes_from is None:
         raise InputError("pass at least one scene: a folder of views, an image or an array file")
     if model is not None:
         preset(model)
     if weights is not None:
         find_weights(weights)
     # The rest imports JAX. A wrong argument is reported without it.
-    from occjax.cli.scenes import estimate_scenes
+    from occjax.cli.scene_lists import listed_scenes
+    from occjax.cli.scenes import RunOptions, estimate_scenes
     from occjax.estimators import make_estimator
     from occjax.io.atomic import check_writable
+    from occjax.io.video import check_video
     from occjax.results.outputs import output_options
 
+    nested = view_order.pattern is not None and "/" in view_order.pattern
+    scenes = listed_scenes(scenes, scenes_from, expand_folders=not nested)
     options = output_options(save, min_confidence)
     if report:
         from occjax.report.page import check_report
 
         check_report()
+        options = dataclasses.replace(options, save=(*options.save, "occlusion"))
+    run = RunOptions(overwrite, share or (0, 1), fps if video else None)
+    if video:
+        check_video(output / "disparity.mp4")
+        if "maps" not in options.save:
+            raise InputError("a video is made of the maps; add maps to --save")
     estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)
     check_writable(output)
     html = output / "report.html" if report else None
     return estimate_scenes(
-        scenes, output, estimator, view_order, camera, disparity_range, options, html=html
+        scenes, output, estimator, view_order, camera, disparity_range, options, run, html=html
     )
 
 

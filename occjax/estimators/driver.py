@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import importlib.util
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +23,9 @@ from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
 from occjax.layout import registered
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
+
+MAX_LOADED_ESTIMATORS = 4
+"""Compiled estimators, of different shapes, that a process keeps in memory for each device."""
 
 ReportPhase = Callable[[str], None]
 """Function that is called with the name of each phase when it begins."""
@@ -129,7 +131,7 @@ def run_estimator(
         phase("compile", "loading the program"),
         programs.reporting(lambda: report_phase(compiling)),
     ):
-        compiled = _compile(estimator, *programs.signature(arguments))
+        compiled = _compile(programs.current_device(), estimator, *programs.signature(arguments))
     with phase("run", "estimating"):
         outputs = jax.tree.map(np.asarray, jax.block_until_ready(compiled(*arguments)))
     result = estimator.finish(inputs, outputs)
@@ -210,17 +212,32 @@ def export_estimator(
     return export(jax.jit(run), platforms=platforms)(shape)
 
 
-@functools.lru_cache(maxsize=64)
-def _compile(estimator: Any, structure: Any, shapes: tuple) -> Callable[..., Any]:
+@programs.cached_per_device(MAX_LOADED_ESTIMATORS)
+def _compile(
+    device: jax.Device, estimator: Any, structure: Any, shapes: tuple
+) -> Callable[..., Any]:
     """Compile an estimator for arguments of these shapes, or load the program that was kept."""
-    return programs.load_or_compile(estimator.run, structure, shapes, _identity(estimator))
+    name = program_identity(estimator)
+    return programs.load_or_compile(estimator.run, structure, shapes, name, device)
 
 
-def _identity(estimator: Any) -> tuple | None:
-    """Return what the program of an estimator of this package depends on."""
+def program_identity(estimator: Any) -> tuple | None:
+    """Return what the program of an estimator depends on, next to the source code of this package.
+
+    Args:
+        estimator: Any estimator.
+
+    Returns:
+        Its class and the fields that are compared; None for a class outside of this package, whose
+        source code may change.
+
+    Example:
+        >>> program_identity(make_estimator("photometric"))[1]
+        'ProposalEstimator'
+    """
     kind = type(estimator)
     if not kind.__module__.startswith("occjax."):
-        return None  # its source code may change without a trace
+        return None
     compared = [field.name for field in dataclasses.fields(estimator) if field.compare]
     values = tuple((name, getattr(estimator, name)) for name in compared)
     return (kind.__module__, kind.__qualname__, values)

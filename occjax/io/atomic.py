@@ -1,20 +1,35 @@
 """Atomic writing: files and folders appear complete or not at all.
 
 A writer fills a temporary file or folder next to the final one, which is renamed at the end. An
-error, a full disk or an interrupted run leaves no incomplete result.
+error, a full disk or an interrupted run leaves no incomplete result. A killed process leaves its
+temporary files, whose names say who made them; :func:`remove_remains` removes them.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import os
+import re
 import secrets
 import shutil
+import socket
+import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 
 from occjax.errors import InputError
+
+MAX_WRITING_SECONDS = 24 * 3600.0
+"""Age above which a temporary file of another machine is taken for that of a killed process."""
+
+
+TEMPORARY_NAME = re.compile(
+    r"\..+\.(?P<machine>[0-9a-f]{8})-(?P<pid>\d{1,9})-[0-9a-f]{8}(\.[^.]*)?", re.DOTALL
+)
+"""Names of temporary files and folders; see :func:`_temporary_path`."""
 
 
 class CannotWriteError(InputError):
@@ -65,7 +80,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[Path]:
+def atomic_folder(
+    path: str | Path, *, owned: Collection[str] = (), marker: str | None = None
+) -> Iterator[Path]:
     """Write a folder of files atomically.
 
     Args:
@@ -74,6 +91,8 @@ def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[
             in it are kept, since they may be the user's.
         owned: Names of files that belong to the writer: those that the body does not write are
             remains of an earlier run and are removed.
+        marker: Name of a file whose presence shows that all files belong together: in an existing
+            folder it is removed before the first file is replaced, and is the last one to appear.
 
     Yields:
         An empty temporary folder for the body to fill. It is inside ``path`` if that exists,
@@ -98,7 +117,7 @@ def atomic_folder(path: str | Path, *, owned: Collection[str] = ()) -> Iterator[
         with _writing(path, temporary):
             temporary.mkdir(parents=True)
             yield temporary
-            _move_into_place(temporary, path, owned)
+            _move_into_place(temporary, path, owned, marker)
     except CannotWriteError as error:
         if not error.path.is_relative_to(temporary):
             raise
@@ -152,15 +171,72 @@ def check_writable(folder: str | Path) -> None:
                 place.rmdir()
 
 
+def remove_remains(folder: str | Path) -> list[Path]:
+    """Remove temporary files and folders that killed processes have left in a folder.
+
+    Those of a running process are kept. Whether a process of another machine still runs cannot be
+    known, so what it made is removed only if it is older than :data:`MAX_WRITING_SECONDS`.
+
+    Args:
+        folder: Folder in which files or folders were written; it may be missing. Folders in it are
+            not searched.
+
+    Returns:
+        What was removed.
+
+    Example:
+        >>> import tempfile
+        >>> remove_remains(tempfile.mkdtemp())
+        []
+    """
+    removed = []
+    with suppress(OSError):
+        for entry in list(os.scandir(folder)):
+            made_by = TEMPORARY_NAME.fullmatch(entry.name)
+            if made_by is None or not _is_abandoned(entry, made_by["machine"], int(made_by["pid"])):
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path, ignore_errors=True)
+            else:
+                os.unlink(entry.path)
+            removed.append(Path(entry.path))
+    return removed
+
+
+def _is_abandoned(entry: os.DirEntry, machine: str, pid: int) -> bool:
+    """Return whether the process that made a temporary file has ended."""
+    if machine != _machine():
+        return time.time() - entry.stat(follow_symlinks=False).st_mtime > MAX_WRITING_SECONDS
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # a process of another user
+        return False
+    return False
+
+
 def _temporary_path(path: Path) -> Path:
     """Return a hidden path in the same folder, since renaming is atomic within a file system.
 
     The suffix is kept because many writers choose the format by it.
     """
-    return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    unique = f"{_machine()}-{os.getpid()}-{secrets.token_hex(4)}"
+    return path.with_name(f".{path.stem}.{unique}{path.suffix}")
 
 
-def _move_into_place(temporary: Path, path: Path, owned: Collection[str]) -> None:
+@functools.cache
+def _machine() -> str:
+    """Return a name of the machine, or container, within which process numbers are unique."""
+    processes = ""
+    with suppress(OSError):
+        processes = os.readlink("/proc/self/ns/pid")
+    return hashlib.sha256(f"{socket.gethostname()} {processes}".encode()).hexdigest()[:8]
+
+
+def _move_into_place(
+    temporary: Path, path: Path, owned: Collection[str], marker: str | None
+) -> None:
     """Rename the folder, or if the final one exists, its files."""
     if not path.exists():
         os.replace(temporary, path)
@@ -172,14 +248,15 @@ def _move_into_place(temporary: Path, path: Path, owned: Collection[str]) -> Non
             raise CannotWriteError(target, "a folder has its name")
         if source.is_dir() and target.exists() and not target.is_dir():
             raise CannotWriteError(target, "a file has its name")
-    for source, target in moves:
+    stale = set(owned) - {target.name for _, target in moves if target.parent == path}
+    for name in (marker, *stale):
+        if name is not None and not (path / name).is_dir():
+            (path / name).unlink(missing_ok=True)
+    for source, target in sorted(moves, key=lambda move: move[1].name == marker):
         if source.is_dir():
             target.mkdir(exist_ok=True)
         else:
             os.replace(source, target)
-    for name in set(owned) - {target.name for _, target in moves if target.parent == path}:
-        if not (path / name).is_dir():
-            (path / name).unlink(missing_ok=True)
 
 
 @contextmanager

@@ -30,8 +30,10 @@ The word before the colon is the group (:data:`occjax.results.groups.GROUPS`) by
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +46,7 @@ from occjax.io.pfm import write_pfm
 from occjax.lightfield import LightField, to_unit_float
 from occjax.results.conversion import convert_map, flying_pixels, point_cloud, write_points
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
-from occjax.results.summary import summary
+from occjax.results.summary import SUMMARY, summary
 from occjax.viz.pictures import (
     confidence_picture,
     disparity_picture,
@@ -125,6 +127,7 @@ def write_outputs(
     options: OutputOptions | None = None,
     *,
     command: str | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> Outputs:
     """Write an estimate as files, all of them or none.
 
@@ -135,6 +138,7 @@ def write_outputs(
             module are replaced, or removed if they are not written now; other files are kept.
         options: What is written; None for the default.
         command: The command line, for ``summary.json``.
+        settings: What the estimate was made from, for ``summary.json``.
 
     Returns:
         The files that were written, with notes and scores.
@@ -147,7 +151,7 @@ def write_outputs(
     signal = has_signal(light_field, estimate.confidence)
     in_cloud = _cloud_mask(estimate, signal, options.min_confidence)
     notes = (*estimate.notes, *_notes(light_field, metrics, signal, in_cloud, options))
-    with atomic_folder(folder, owned=FILES) as temporary:
+    with atomic_folder(folder, owned=FILES, marker=SUMMARY) as temporary:
         if "maps" in options.save:
             _write_maps(estimate, light_field, temporary)
         if "pictures" in options.save:
@@ -163,8 +167,10 @@ def write_outputs(
         if "stages" in options.save and len(estimate.stages) > 1:
             np.save(temporary / "stages.npy", np.asarray(estimate.stages, np.float32))
         content = summary(estimate, light_field, metrics, notes, command)
+        content["files"] = sorted(path.name for path in temporary.iterdir())
+        content["settings"] = settings
         text = json.dumps(content, indent=2)
-        (temporary / "summary.json").write_text(text + "\n", encoding="utf-8")
+        (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
         names = sorted(path.name for path in temporary.iterdir())
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
 

@@ -22,6 +22,10 @@
 ``command``                   string or null, the command line
 ``versions``                  {occjax, jax, numpy, python}, strings
 ``notes``                     list of sentences for the user
+``files``                     list of the names of the other files that were written
+``settings``                  null, or what ``occjax estimate`` made the files from: {occjax,
+                              source_sha256, model, model_sha256, options, files_sha256}; a second
+                              call skips a scene whose settings are the same
 ============================  ==================================================================
 """
 

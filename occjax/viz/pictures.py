@@ -45,6 +45,7 @@ def disparity_picture(
     *,
     confidence: np.ndarray | None = None,
     ground_truth: np.ndarray | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> np.ndarray:
     """Return a disparity map in the colours of :func:`occjax.viz.disparity_figure`.
 
@@ -52,6 +53,8 @@ def disparity_picture(
         disparity: ``[H, W]`` pixels per view step; pixels without a value are grey.
         confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours.
         ground_truth: ``[H, W]`` pixels per view step, which the range of the colours covers.
+        limits: Disparities of the first and the last colour, for pictures that are compared; by
+            default those of :func:`occjax.viz.colour.disparity_limits`.
 
     Returns:
         ``[H, W, 3]`` uint8 RGB.
@@ -60,7 +63,11 @@ def disparity_picture(
         >>> disparity_picture(np.array([[0.0, 1.0, np.nan]])).tolist()
         [[[68, 1, 84], [253, 231, 36], [138, 138, 138]]]
     """
-    norm = disparity_limits(disparity, confidence, ground_truth)
+    norm = (
+        disparity_limits(disparity, confidence, ground_truth)
+        if limits is None
+        else Normalize(*limits, clip=True)
+    )
     return coloured(disparity, norm, disparity_colours())
 
 

@@ -7,10 +7,12 @@ import sys
 import threading
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from occjax.cli import scenes
+from occjax.cli.options import ViewOrderOptions
 from occjax.data.bundled_sample import sample
 from occjax.io import read_pfm
 
@@ -79,7 +81,7 @@ finally:
 @pytest.mark.slow
 def test_a_second_run_of_one_shape_traces_nothing(scene, tmp_path):
     def run():
-        arguments = ("estimate", scene, "-o", tmp_path / "out", *FAST)
+        arguments = ("estimate", scene, "-o", tmp_path / "out", "--overwrite", *FAST)
         done = subprocess.run(
             [sys.executable, "-c", TRACES, *arguments],
             env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
@@ -115,11 +117,11 @@ def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_pat
     (tmp_path / "broken").mkdir()
     order = (places[0], tmp_path / "broken", *places[1:])
     began = [threading.Event() for _ in order]
-    read, estimate = scenes._read, scenes.run_estimator
+    read, estimate = ViewOrderOptions.load, scenes.run_estimator
 
-    def recorded_read(scene, *options):
+    def recorded_read(view_order, scene):
         began[order.index(scene)].set()
-        return read(scene, *options)
+        return read(view_order, scene)
 
     def recorded_estimate(estimator, light_field, **options):
         number = [place.name for place in order].index(light_field.name)
@@ -128,8 +130,10 @@ def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_pat
         assert not any(event.is_set() for event in began[number + 2 :])
         return estimate(estimator, light_field, **options)
 
-    monkeypatch.setattr(scenes, "_read", recorded_read)
+    monkeypatch.setattr(ViewOrderOptions, "load", recorded_read)
     monkeypatch.setattr(scenes, "run_estimator", recorded_estimate)
+    devices = jax.local_devices()[:1]
+    monkeypatch.setattr(jax, "local_devices", lambda *_, **__: devices)
     code, out, err = run("estimate", *order, "-o", tmp_path / "out", *FAST)
     assert code == 1
     reports = [line.split(":")[0] for line in out.splitlines() if not line.startswith(" ")]

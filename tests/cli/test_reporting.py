@@ -14,11 +14,13 @@ def test_estimates_are_reported_at_once_or_later(run, scene, tmp_path):
     assert code == 0, err
     assert f"report: {tmp_path / 'out/report.html'}" in out
     page = (tmp_path / "out/report.html").read_text("utf-8")
-    assert "data-occlusion" in page  # computed for the page, though not saved
-    assert not (tmp_path / "out/scene/occlusion.npy").exists()
+    assert "data-occlusion" in page
     command = json.loads((tmp_path / "out/scene/summary.json").read_text())["command"]
     assert command.startswith("occjax estimate ")
     assert "<code>occjax estimate" in page
+
+    code, out, err = run("estimate", scene, "-o", tmp_path / "out", *FAST, "--report")
+    assert (code, "report: " in out) == (0, True)  # of the estimate that is complete already
 
     code, out, err = run("report", tmp_path / "out", "-o", tmp_path / "later.html")
     assert (code, out) == (0, f"{tmp_path / 'later.html'}: 1 scene\n")

@@ -1,0 +1,106 @@
+"""Videos of light fields: the frames have one camera array, one disparity range and one program."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from occjax.cli.options import ViewOrderOptions
+from occjax.errors import InputError
+from occjax.io.video import write_video
+from occjax.layout import disparity_range_of
+from occjax.lightfield import LightField
+from occjax.results.outputs import MIN_CONFIDENCE
+from occjax.viz.colour import disparity_limits
+from occjax.viz.pictures import disparity_picture
+
+
+class FrameReader:
+    """Reader of the frames of a video.
+
+    The first frame is measured: view order, shifts and positions of the views, and the disparity
+    range. The others take over its measurement, since the cameras of a video do not move against
+    each other and frames of one range share a compiled program.
+    """
+
+    def __init__(self, first: Path, view_order: ViewOrderOptions) -> None:
+        """Read and measure the first frame.
+
+        Args:
+            first: File or folder of its light field.
+            view_order: How the files of each frame store the views.
+
+        Raises:
+            InputError: If it cannot be read.
+        """
+        self._path, self._view_order = first, view_order
+        self._first = view_order.load(first)
+        self._range, _ = disparity_range_of(self._first)
+
+    def __call__(self, frame: Path) -> LightField:
+        """Read a frame.
+
+        Args:
+            frame: File or folder of its light field.
+
+        Raises:
+            InputError: If it cannot be read, or has other views than the first frame.
+        """
+        first = self._first
+        if frame == self._path:
+            return first
+        light_field = self._view_order.load(frame, check_orientation=False)
+        if light_field.views.shape != first.views.shape:
+            raise InputError(
+                f"{frame}: has views {list(light_field.views.shape)}, but those of the first frame "
+                f"{self._path} are {list(first.views.shape)}; all frames need the same"
+            )
+        return dataclasses.replace(
+            light_field,
+            disparity_range=self._range,
+            positions=first.positions,
+            view_order_report=first.view_order_report,
+        )
+
+
+def write_disparity_video(path: Path, frames: Sequence[Path], *, frames_per_second: float) -> None:
+    """Write the disparity of all frames as one video in the same colours.
+
+    Args:
+        path: File to write.
+        frames: Folders of the results of the frames, in their order.
+        frames_per_second: Rate of display.
+
+    Raises:
+        InputError: If the frames differ in size, or the file cannot be written.
+    """
+    # The range covers every frame. One frame at a time is in memory.
+    norms = [disparity_limits(*_maps(frame)) for frame in frames]
+    limits = (
+        min(float(norm.vmin or 0) for norm in norms),
+        max(float(norm.vmax or 0) for norm in norms),
+    )
+    size = _maps(frames[0])[0].shape
+
+    def pictures() -> Iterator[np.ndarray]:
+        for frame in frames:
+            disparity, _ = _maps(frame)
+            if disparity.shape != size:
+                raise InputError(
+                    f"{frame}: has {list(disparity.shape)} pixels, the first frame {list(size)}; a "
+                    "video needs frames of one size"
+                )
+            yield disparity_picture(disparity, limits=limits)
+
+    write_video(path, pictures(), frames_per_second=frames_per_second)
+
+
+def _maps(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read disparity, without the pixels that have no signal, and confidence of a frame."""
+    disparity, confidence = (
+        np.load(folder / f"{name}.npy") for name in ("disparity", "confidence")
+    )
+    return np.where(confidence >= MIN_CONFIDENCE, disparity, np.nan), confidence

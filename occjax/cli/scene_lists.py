@@ -1,0 +1,86 @@
+"""Lists of scenes: folders of scenes, glob patterns and text files on the command line."""
+
+from __future__ import annotations
+
+import glob
+import re
+from pathlib import Path
+
+from occjax.errors import InputError
+from occjax.io.containers import CONTAINER_SUFFIXES
+from occjax.io.files import decoding
+from occjax.io.images import IMAGE_SUFFIXES
+
+ARRAY_SUFFIXES = (".npz", ".npy", *CONTAINER_SUFFIXES)
+"""Suffixes of files that hold a whole light field."""
+
+
+def listed_scenes(
+    scenes: tuple[Path, ...], scenes_from: Path | None, *, expand_folders: bool = True
+) -> tuple[Path, ...]:
+    """Return the scenes that the arguments of a command name, in their order.
+
+    A pattern with ``*``, ``?`` or ``[`` is replaced by what it matches, and a folder without images
+    of its own by its sub-folders or by its array files; both in natural order, 2 before 10.
+
+    Args:
+        scenes: Scenes, folders of scenes or patterns.
+        scenes_from: Text file with one more of them on each line; paths are relative to the current
+            folder, and empty lines and lines that begin with ``#`` are ignored.
+        expand_folders: Whether folders may hold scenes; False if views are in sub-folders.
+
+    Returns:
+        Files and folders, each once.
+
+    Raises:
+        InputError: If the file lists none, a pattern matches nothing, or the file cannot be read.
+
+    Example:
+        >>> listed_scenes((Path("one.npz"), Path("two.npz"), Path("one.npz")), None)
+        (PosixPath('one.npz'), PosixPath('two.npz'))
+    """
+    if scenes_from is not None:
+        with decoding(scenes_from, "a list of scenes"):
+            lines = scenes_from.read_text(encoding="utf-8").splitlines()
+        stripped = (line.strip() for line in lines)
+        scenes += tuple(Path(line) for line in stripped if line and not line.startswith("#"))
+    found = [path for scene in scenes for path in _matches(scene)]
+    if expand_folders:
+        found = [path for place in found for path in _scenes_in(place)]
+    if not found:
+        raise InputError(f"{scenes_from}: lists no scene; write one path on each line")
+    return tuple(dict.fromkeys(found))
+
+
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts names by the numbers in them.
+
+    Example:
+        >>> sorted(map(Path, ["frame10", "frame9"]), key=natural_order)
+        [PosixPath('frame9'), PosixPath('frame10')]
+    """
+    parts = re.findall(r"\d+|\D+", str(path))
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def _matches(scene: Path) -> list[Path]:
+    """Return what a pattern matches; a path that exists, or is no pattern, is itself."""
+    if scene.exists() or not glob.has_magic(str(scene)):
+        return [scene]
+    found = [Path(name) for name in glob.glob(str(scene), recursive=True)]
+    if not found:
+        raise InputError(f"{scene}: nothing matches this pattern; check it")
+    return sorted(found, key=natural_order)
+
+
+def _scenes_in(place: Path) -> list[Path]:
+    """Return the scenes in a folder of scenes; any other path is a scene itself."""
+    if not place.is_dir():
+        return [place]
+    entries = [entry for entry in place.iterdir() if not entry.name.startswith(".")]
+    files = [entry for entry in entries if entry.is_file()]
+    if any(file.suffix.lower() in IMAGE_SUFFIXES for file in files):
+        return [place]
+    folders = [entry for entry in entries if entry.is_dir()]
+    arrays = [file for file in files if file.suffix.lower() in ARRAY_SUFFIXES]
+    return sorted(folders or arrays, key=natural_order) or [place]
