@@ -166,9 +166,11 @@ def find_planes(
     )
     surface = filtered(members[chosen], 2)
 
+    def robust_weights(planes):
+        return surface * weights * jnp.exp(-jnp.square(distance(planes) / config.tolerance) / 2)
+
     def refit(planes, _):
-        robust = jnp.exp(-jnp.square(distance(planes) / config.tolerance) / 2)
-        return fit(surface * weights * robust), None
+        return fit(robust_weights(planes)), None
 
     planes, _ = jax.lax.scan(refit, planes[chosen], None, length=config.steps)
     surrounding = filtered((surface > 0.02).astype(values.dtype), 3) > 0.0
@@ -178,7 +180,7 @@ def find_planes(
     )
     used = inside > config.min_isolation * with_border
     residuals = values[None] - planes @ positions
-    used &= _quadratic_fraction(surface * weights, positions, residuals) < config.max_curvature
+    used &= _quadratic_fraction(robust_weights(planes), positions, residuals) < config.max_curvature
     return Planes(planes, jnp.where(used, area * spacing**2, 0.0))
 
 
@@ -186,8 +188,6 @@ def _quadratic_fraction(
     weights: Float[Array, "k n"], positions: Float[Array, "3 n"], residuals: Float[Array, "k n"]
 ) -> Float[Array, " k"]:
     """Return the fraction of the variance of residuals that a quadratic function explains."""
-    # Residuals of other surfaces must not decide.
-    residuals = jnp.clip(residuals, -0.1, 0.1)
     weights = weights / jnp.maximum(weights.sum(1, keepdims=True), 1e-9)
     x, y = positions[1:, None] - (weights @ positions[1:].T).T[..., None]
     terms = jnp.stack([jnp.ones_like(x), x, y, x * x, x * y, y * y], 1)
