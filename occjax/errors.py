@@ -54,7 +54,9 @@ def nearest(name: object, names: Iterable[str], *, otherwise: str = "") -> str:
     """
     names = list(names)
     by_lower_case = {known.lower(): known for known in names}
-    similar = difflib.get_close_matches(str(name).lower(), by_lower_case, n=1)
+    text = str(name).lower()
+    cutoff = 0.6 if len(text) > 2 else 1.0  # two letters are like too many names
+    similar = difflib.get_close_matches(text, by_lower_case, n=1, cutoff=cutoff)
     if similar:
         return f"did you mean {by_lower_case[similar[0]]!r}?"
     return otherwise or f"choose {' or '.join(map(repr, names))}"

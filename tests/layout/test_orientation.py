@@ -69,5 +69,5 @@ def test_order_and_flip_declare_an_orientation(orientation):
 
 @pytest.mark.parametrize(("order", "flip"), [("xy", ""), ("vu", "x"), ("vu", "vv"), ("", "")])
 def test_other_declarations_are_refused(order, flip):
-    with pytest.raises(InputError, match="it must be"):
+    with pytest.raises(InputError, match="choose"):
         declared_orientation(order, flip)
