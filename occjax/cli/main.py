@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import itertools
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
@@ -16,49 +17,50 @@ class Command(NamedTuple):
     """A command of the command line.
 
     Attributes:
+        group: What it is for; the help on all commands has a paragraph for each group.
         module: Module that defines it.
         function: Name of its function.
         summary: Its line in the help on all commands.
     """
 
+    group: str
     module: str
     function: str
     summary: str
 
 
 COMMANDS = {
-    "estimate": Command(
-        "estimating", "estimate_command", "Estimate disparity maps and write them with pictures."
-    ),
-    "demo": Command(
-        "estimating", "demo_command", "Estimate the bundled sample and compare with the truth."
-    ),
-    "view": Command("viewing", "view_command", "Look at results in the browser."),
-    "refocus": Command(
-        "refocusing", "refocus_command", "Write an image or a video with another focus or aperture."
-    ),
-    "sweep": Command("refocusing", "sweep_command", "Write a video that moves through the views."),
-    "report": Command(
-        "reporting", "report_command", "Write a page on results: maps, scores, points, settings."
-    ),
-    "check": Command(
-        "measuring", "check_command", "Measure the order of the views and the disparity range."
-    ),
-    "evaluate": Command(
-        "measuring", "evaluate_command", "Compare a disparity map with the ground truth."
-    ),
-    "convert": Command(
-        "converting", "convert_command", "Convert maps: formats, depth, normals, point clouds."
-    ),
-    "weights": Command(
-        "weights", "weights_command", "List the weights in the package, or download the published."
-    ),
-    "cache": Command(
-        "caching", "cache_command", "Show or remove the compiled programs that are kept."
-    ),
-    "pool": Command("pooling", "pool_command", "Render procedural light fields for training."),
-    "train": Command("training", "", "Train a network, or resume its training."),
+    name: Command(*words)
+    for name, *words in (
+        ("estimate", "Estimate", "estimating", "estimate_command", "Estimate disparity maps."),
+        ("demo", "Estimate", "estimating", "demo_command", "Estimate the bundled sample."),
+        ("view", "Look", "viewing", "view_command", "Look at results in the browser."),
+        ("report", "Look", "reporting", "report_command", "Write one page on results."),
+        ("refocus", "Look", "refocusing", "refocus_command", "Change the focus or the aperture."),
+        ("sweep", "Look", "refocusing", "sweep_command", "Write a video through the views."),
+        (
+            "check",
+            "Measure",
+            "measuring",
+            "check_command",
+            "Measure view order and disparity range.",
+        ),
+        ("evaluate", "Measure", "measuring", "evaluate_command", "Compare with the ground truth."),
+        (
+            "convert",
+            "Convert",
+            "converting",
+            "convert_command",
+            "Convert maps: depth, points, formats.",
+        ),
+        ("pool", "Train", "pooling", "pool_command", "Render procedural light fields."),
+        ("train", "Train", "training", "", "Train a network, or resume its training."),
+        ("weights", "Set up", "weights", "weights_command", "List or download weights."),
+        ("cache", "Set up", "caching", "cache_command", "Show or remove compiled programs."),
+    )
 }
+
+SHELLS = ("bash", "zsh", "tcsh")
 
 
 def main() -> None:
@@ -81,19 +83,50 @@ def main() -> None:
 
 def _run(arguments: list[str]) -> int:
     """Run the command that the arguments name, or print the help on all commands."""
-    import tyro
-
     name = arguments[0] if arguments else ""
     if name in COMMANDS:
+        import tyro
+
         return tyro.cli(_function(name, arguments[1:]), prog=f"occjax {name}", args=arguments[1:])
-    if name and not name.startswith("-"):
-        advice = nearest(name, COMMANDS, otherwise=f"the commands are {', '.join(COMMANDS)}")
-        raise InputError(f"{name} is not a command; {advice}")
+    if name in ("", "-h", "--help"):
+        print(_help())
+        return 0 if name else 2
+    if name == "--print-completion":
+        return _print_completion(arguments[1:])
+    advice = nearest(name, COMMANDS, otherwise=f"the commands are {', '.join(COMMANDS)}")
+    raise InputError(f"{name} is not a command; {advice}")
+
+
+def _help() -> str:
+    """Return the help on all commands."""
+    lines = [
+        (occjax.__doc__ or "").splitlines()[0],
+        "",
+        "usage: occjax COMMAND [OPTIONS]",
+        "       occjax COMMAND --help",
+    ]
+    for group, commands in itertools.groupby(COMMANDS.items(), lambda item: item[1].group):
+        lines += ["", f"{group}:"]
+        lines += [f"  {name:<10}{command.summary}" for name, command in commands]
+    lines += [
+        "",
+        "  --version                  Print the version.",
+        f"  --print-completion SHELL   Print a completion script for {', '.join(SHELLS)}.",
+    ]
+    return "\n".join(lines)
+
+
+def _print_completion(arguments: list[str]) -> int:
+    """Print the completion script of a shell, for all commands with their options."""
+    if len(arguments) != 1 or arguments[0] not in SHELLS:
+        raise InputError(f"pass the name of a shell to --print-completion: {', '.join(SHELLS)}")
+    import tyro
+
     app = tyro.extras.SubcommandApp()
-    for command, (_, _, summary) in COMMANDS.items():
-        app.command(name=command)(_described(summary))
-    summary = (occjax.__doc__ or "").splitlines()[0]
-    return app.cli(prog="occjax", description=summary, args=arguments)
+    for name in COMMANDS:
+        app.command(name=name)(_function(name, []))
+    app.cli(prog="occjax", args=["--tyro-print-completion", *arguments])
+    return 0
 
 
 def _function(name: str, arguments: list[str]) -> Callable[..., int]:
@@ -105,13 +138,3 @@ def _function(name: str, arguments: list[str]) -> Callable[..., int]:
         return training_command(arguments)
     module = importlib.import_module(f"occjax.cli.{command.module}")
     return getattr(module, command.function)
-
-
-def _described(summary: str) -> Callable[[], int]:
-    """Return a function whose docstring is the summary, for the help on all commands."""
-
-    def command() -> int:
-        return 0
-
-    command.__doc__ = summary
-    return command

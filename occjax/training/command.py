@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -152,7 +153,7 @@ def _defaults(arguments: Sequence[str]) -> Recipe:
 
 def _value_of(arguments: Sequence[str], option: str) -> str | None:
     """Return the value of an option, given as ``--option value`` or ``--option=value``."""
-    for argument, following in zip(arguments, (*arguments[1:], None), strict=True):
+    for argument, following in itertools.zip_longest(arguments, arguments[1:]):
         name, equals, value = argument.partition("=")
         if name.replace("_", "-") == option:
             return value if equals else following

@@ -52,7 +52,20 @@ def test_help_lists_all_commands(run):
     code, out, _ = run("--help")
     assert code == 0
     for command in COMMANDS:
-        assert f"• {command} " in out
+        assert f"\n  {command} " in out
+
+
+def test_the_completion_script_knows_commands_and_options(run):
+    code, out, _ = run("--print-completion", "bash")
+    assert code == 0
+    assert "estimate" in out
+    assert "--disparity-range" in out
+
+
+def test_missing_arguments_are_named(run):
+    for command in ("train", "pool", "evaluate"):
+        code, _, err = run(command)
+        assert (code, "required" in err.lower()) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -62,6 +75,7 @@ def test_help_lists_all_commands(run):
         (("scene.npz",), "the commands are estimate, demo, view"),
         (("estimate", "absent", "-o", "out"), "absent"),
         (("estimate", "-o", "out"), "pass at least one scene"),
+        (("--print-completion",), "pass the name of a shell"),
         (("estimate", "absent", "-o", "out", "--model", "occcasnet"), "needs weights"),
         (("estimate", "a", "-o", "out", "--model", "photometrik"), "did you mean 'photometric'?"),
         (("estimate", "a", "-o", "out", "--weights", "Proposl"), "did you mean 'proposal'?"),
