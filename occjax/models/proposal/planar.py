@@ -146,9 +146,9 @@ def find_planes(
     # The first steps tolerate more, because the slope is not known yet.
     stages = [(config.radii[0], config.first_tolerance)] * (config.steps + 1)
     stages += [(radius, 1.0) for radius in config.radii for _ in range(config.steps)]
-    stages = np.array(stages) * (spacing / unit, 1.0)
+    scaled = np.array(stages) * (spacing / unit, 1.0)
     constant = jnp.zeros((seeds.shape[1], 3), values.dtype).at[:, 0].set(seeds[0])
-    planes, _ = jax.lax.scan(grow, constant, jnp.asarray(stages, values.dtype))
+    planes, _ = jax.lax.scan(grow, constant, jnp.asarray(scaled, values.dtype))
 
     def filtered(members: Float[Array, "k n"], radius: int) -> Float[Array, "k n"]:
         return box_filter(members.reshape(-1, *grid), radius).reshape(members.shape)
