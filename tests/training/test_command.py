@@ -52,7 +52,9 @@ def test_a_training_that_was_stopped_prints_the_command_that_resumes_it(
     monkeypatch, tmp_path, capsys
 ):
     state = SimpleNamespace(step=3)
-    monkeypatch.setattr(command, "train", lambda *_, **__: Trained(state, False, tmp_path / "w"))
+    monkeypatch.setattr(
+        "occjax.training.loop.train", lambda *_, **__: Trained(state, False, tmp_path / "w")
+    )
     assert run(tmp_path / "a run", "--recipe", "tiny") == 0
     printed = capsys.readouterr().out
     expected = f"stopped after step 3; resume with: occjax train '{tmp_path}/a run' --recipe tiny"
@@ -154,7 +156,9 @@ def micro(monkeypatch):
     for module in (command, recipes):
         monkeypatch.setattr(module, "RECIPES", table)
     monkeypatch.setattr(command, "DEFAULT_RECIPE", "tiny")
-    monkeypatch.setattr(command, "make_source", lambda *_: lambda step: planes(step, count=1))
+    monkeypatch.setattr(
+        "occjax.training.data.make_source", lambda *_: lambda step, *_: planes(step, count=1)
+    )
 
 
 @pytest.mark.slow
