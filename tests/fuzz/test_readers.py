@@ -7,6 +7,8 @@ import pytest
 from tests.fuzz.edits import apply, random_edits
 from tests.fuzz.readers import READERS, outcome
 
+pytestmark = pytest.mark.usefixtures("unchecked")
+
 CASES = 500
 
 
