@@ -139,7 +139,8 @@ class _Board:
             self._file.write_event(Event(step=first_step + 1, session_log=start))
 
     def write(self, kind: str, step: int, numbers: Mapping[str, float]) -> None:
-        for name, value in numbers.items():
+        finite = {name: value for name, value in numbers.items() if math.isfinite(value)}
+        for name, value in finite.items():
             summary = self._scalar(f"{kind}/{name}", value)
             self._file.write_event(self._event(wall_time=time.time(), step=step, summary=summary))
         self._file.flush()

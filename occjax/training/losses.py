@@ -41,8 +41,8 @@ def total_loss(means: Mapping[str, Float[Array, ""]], config: LossConfig) -> Flo
 
     Example:
         >>> means = {"disparity": jnp.array(0.5), "distribution": jnp.array(2.0)}
-        >>> float(total_loss(means, LossConfig(distribution=0.1)))
-        0.7
+        >>> float(total_loss(means, LossConfig(distribution=0.25)))
+        1.0
     """
     loss = jnp.zeros(())
     for name, mean in means.items():

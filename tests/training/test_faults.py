@@ -193,7 +193,8 @@ def test_a_stored_step_is_repeated(begin, six_steps, tmp_path):
         begin(tmp_path, broken_at(3))
     *lines, metrics = replay_step(six_steps, tmp_path, 3)
     assert lines == ["batch views: 1512 of 1512 values are not finite"]
-    assert metrics.startswith("step 3: loss nan, ")
+    assert metrics.startswith("step 3: applied 0, ")
+    assert metrics.endswith("loss nan")
     with pytest.raises(InputError, match="step 2 is not stored; stored are: 3"):
         replay_step(six_steps, tmp_path, 2)
 
