@@ -57,7 +57,7 @@ class Scale:
     simple: bool = False
 
 
-SMALL = Scale(steps=2, pool=2, patch=32, batch=1, held_out=1, preset="proposal_small", simple=True)
+SMALL = Scale(steps=2, pool=2, patch=32, batch=2, held_out=1, preset="proposal_small", simple=True)
 
 
 def scenes(**changes: Any) -> Change:

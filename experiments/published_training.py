@@ -16,7 +16,7 @@ from occjax.data.folders import grain_batches
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import LightFieldSample, numpy_sample, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import Source, check_batch_size
+from occjax.data.sources import ALL_ROWS, Source, check_batch_size
 from occjax.data.transforms import transform_sample
 from occjax.errors import InputError
 from occjax.lightfield import centre_index
@@ -80,7 +80,7 @@ def published_source(
     """
     check_batch_size(batch_size)
     batches = grain_batches(partial(published_sample, scenes=scenes), batch_size, seed, threads)
-    return lambda step: to_device(batches(step))
+    return lambda step, rows=ALL_ROWS, /: to_device(batches(step, rows))
 
 
 def published_sample(generator: np.random.Generator, scenes: Sequence[Scene]) -> LightFieldSample:

@@ -157,7 +157,7 @@ def small_recipe() -> Recipe:
     """Return two steps on small and simple procedural scenes."""
     base = _shortened(recipe("tiny"), 2)
     scenes = simple_scenes(base.data.scenes)
-    return replace(base, data=replace(base.data, batch_size=1, scenes=scenes, augmentation=None))
+    return replace(base, data=replace(base.data, batch_size=2, scenes=scenes, augmentation=None))
 
 
 def with_row(base: Recipe, row: Row) -> Recipe:

@@ -40,8 +40,8 @@ def listed_scenes(
         (PosixPath('one.npz'), PosixPath('two.npz'))
     """
     if scenes_from is not None:
-        with decoding(scenes_from, "a list of scenes"):
-            lines = scenes_from.read_text(encoding="utf-8").splitlines()
+        with decoding(scenes_from, "a list of scenes") as file:
+            lines = file.read().decode().splitlines()
         stripped = (line.strip() for line in lines)
         scenes += tuple(Path(line) for line in stripped if line and not line.startswith("#"))
     found = [path for scene in scenes for path in _matches(scene)]

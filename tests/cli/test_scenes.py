@@ -29,7 +29,10 @@ CAMERA = (
     *("--focal-length-mm", 50, "--sensor-mm", 40),
     *("--baseline-mm", 20, "--focus-m", "inf"),
 )
-FILES = ("confidence.npy", "disparity.npy", "disparity.pfm")
+FILES = (
+    *("centre.png", "confidence.npy", "disparity.npy", "disparity.pfm"),
+    "standard_deviation.npy",
+)
 
 
 @dataclass(frozen=True)
@@ -210,7 +213,8 @@ def test_remains_of_a_killed_process_are_removed(run, folder, tmp_path, estimato
 
 
 INTERRUPTED = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 from tests.cli.test_scenes import Brightness
 import occjax.estimators
 from occjax.cli import main
@@ -314,6 +318,6 @@ def test_lists_of_scenes_are_folders_patterns_and_files(tmp_path, monkeypatch):
     assert listed("set/b10", file=Path("list.txt")) == ["set/b10", "arrays/a.npz"]
     with pytest.raises(InputError, match="nothing matches"):
         listed("set/c*")
-    Path("empty.txt").touch()
+    Path("empty.txt").write_text("\n")
     with pytest.raises(InputError, match="lists no scene"):
         listed(file=Path("empty.txt"))

@@ -41,7 +41,7 @@ from occjax.models.config_json import config_to_json
 from occjax.models.occcasnet import keras_weights
 from occjax.models.registry import preset
 from occjax.models.weights import load_weights
-from occjax.results.summary import read_calibration
+from occjax.results.summary import read_summary
 from occjax.training.logging import read_log
 from occjax.training.prepared import _STORED as PREPARED, read_prepared
 from tests.io.files import CONFIG, hci, save_views
@@ -254,7 +254,14 @@ NAMES = [
     [f"view {v + 1},{u - 1} of 9.jpg" for v, u in np.ndindex(3, 3)],
 ]
 _, NAMED = find_views("folder", NAMES[0], grid=(3, 3))
-SUMMARY = {"calibration": {**CAMERA, "focus_distance_m": None}, "seconds": {"run": 1.5}}
+SUMMARY = {
+    "calibration": {**CAMERA, "focus_distance_m": None},
+    "seconds": {"run": 1.5},
+    **dict.fromkeys(("scene", "source", "model", "weights", "versions", "notes")),
+    "grid": [3, 3],
+    "image_size": [8, 9],
+    "searched_disparity_range": [-1.0, 1.0],
+}
 LOG = [{"kind": "train", "step": 50 * n, "loss": 0.3, "badpix": None} for n in range(5)]
 
 READERS = (
@@ -283,7 +290,7 @@ READERS = (
     Reader(
         "summary",
         "summary.json",
-        lambda path: (read_calibration(path), read_seconds(path.parent)),
+        lambda path: (read_summary(path), read_seconds(path.parent)),
         (json.dumps(SUMMARY).encode(),),
     ),
     Reader(

@@ -276,7 +276,7 @@ def folder_of_raw_files(path):
             lambda path: np.save(path, np.array([{"views": 1}]), allow_pickle=True),
             ["allow_pickle=False"],
         ),
-        ("scene.npy", npy_of_petabytes, ["claims 3.89e+06 GB", "OCCJAX_MAX_LIGHT_FIELD_BYTES"]),
+        ("scene.npy", npy_of_petabytes, ["claims 3.89e+", "OCCJAX_MAX_LIGHT_FIELD_BYTES"]),
         ("scene.h5", lambda path: path.write_text("nothing"), ["HDF5"]),
         ("scene.h5", hdf5_without_views, ["no array of views", "model/weights [3, 2, 4]", "--key"]),
     ],

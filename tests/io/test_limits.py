@@ -219,7 +219,7 @@ def test_either_byte_order_is_read(tmp_path, dtype):
 def test_positions_that_are_not_finite_are_refused(tmp_path, value):
     positions = np.stack(np.mgrid[:3, :3], axis=-1).astype(float)
     positions[1, 2, 0] = value
-    with pytest.raises(InputError, match="positions are all the same or not finite"):
+    with pytest.raises(InputError, match="positions are NaN, infinite or too large"):
         check_positions(tmp_path, positions, (3, 3))
 
 

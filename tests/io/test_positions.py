@@ -66,7 +66,7 @@ def test_views_are_ordered_by_their_positions(folder):
     ("positions", "message"),
     [
         (np.zeros((3, 4, 2)), "all the same"),
-        (np.full((12, 2), np.nan), "12 of 12 positions are NaN .* in row 0, column 0"),
+        (np.full((12, 2), np.nan), "12 of 12 positions are NaN.* in row 0, column 0"),
         (
             np.zeros((11, 2)),
             r"has 11 positions, float64 \[11, 2\], but the 3x4 grid has 12 views; write one",

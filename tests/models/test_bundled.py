@@ -51,7 +51,7 @@ def test_weights_are_found_by_name_unless_the_file_exists(package, tmp_path, mon
 
 
 def test_unknown_name_is_refused_with_the_known_ones(package):
-    with pytest.raises(InputError, match=r"neither a file nor the name.*package has good"):
+    with pytest.raises(InputError, match=r"neither a file nor the name.*choose 'good'"):
         bundled.find_weights("better")
 
 

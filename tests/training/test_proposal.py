@@ -124,7 +124,14 @@ def test_the_selector_learns_to_select_the_proposal_of_low_cost():
         state, metrics = train_step(state, batch, config=config)
         reports.append(metrics)
     first, last = reports[0], reports[-1]
-    assert set(first) == {"loss", "disparity", "distribution", "badpix", "gradient_norm"}
+    assert set(first) == {
+        "applied",
+        "badpix",
+        "disparity",
+        "distribution",
+        "gradient_norm",
+        "loss",
+    }
     np.testing.assert_allclose(first["loss"], first["disparity"] + first["distribution"], rtol=1e-6)
     assert first["badpix"] > 90.0  # the first proposal is selected, and is wrong
     assert last["badpix"] < 10.0
@@ -151,7 +158,14 @@ def test_light_fields_are_trained_on_without_preparation():
     state = jax.eval_shape(partial(init_state, config), batch((32, 48)))
     after, report = jax.eval_shape(partial(train_step, config=config), state, batch((32, 48)))
     assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
-    assert set(report) == {"loss", "disparity", "distribution", "badpix", "gradient_norm"}
+    assert set(report) == {
+        "applied",
+        "badpix",
+        "disparity",
+        "distribution",
+        "gradient_norm",
+        "loss",
+    }
     with pytest.raises(InputError, match="crop is 32x40 pixels; the network needs multiples of 16"):
         jax.eval_shape(partial(init_state, config), batch((32, 40)))
 
