@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw
 
 from occjax.lightfield import centre_index
 from occjax.viewer.pixel import EpipolarImage
-from occjax.viewer.scene import displayed
+from occjax.viz.pictures import view_picture
 
 MARK = (255, 64, 160)
 """Colour of what belongs to the picked pixel: cross, slope line."""
@@ -79,7 +79,7 @@ def epipolar_picture(
     count, length = epi.pixels.shape[:2]
     zoom = max(2, width // length)
     row = max(8, min(36, width // 3 // count))
-    pixels = displayed(np.where(np.isnan(epi.pixels), OUTSIDE, epi.pixels))
+    pixels = view_picture(np.where(np.isnan(epi.pixels), OUTSIDE, epi.pixels))
     picture = np.repeat(np.repeat(pixels, row, axis=0), zoom, axis=1)
     if not np.isfinite(disparity):
         return picture
@@ -112,7 +112,7 @@ def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 234) 
         ``[height, width, 3]`` uint8.
     """
     tile = max(8, width // max(occluded.shape))
-    colours = displayed(patch)
+    colours = view_picture(patch)
     drawn = Image.fromarray(np.repeat(np.repeat(colours, tile, axis=0), tile, axis=1))
     draw = ImageDraw.Draw(drawn)
     for v, u in np.argwhere(occluded):

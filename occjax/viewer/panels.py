@@ -26,8 +26,9 @@ from occjax.viewer.pixel import (
     patch_occlusion,
 )
 from occjax.viewer.refocusing import LiveRefocuser
-from occjax.viewer.scene import ViewedResult, ViewedScene, displayed
+from occjax.viewer.scene import ViewedResult, ViewedScene
 from occjax.viewer.worker import LatestWorker
+from occjax.viz.pictures import view_picture
 
 JPEG_QUALITY = 90
 
@@ -287,7 +288,7 @@ class ViewPanel:
     def _drawn(self) -> np.ndarray:
         rows, columns = self._light_field.grid
         index = min(int(self.v.value), rows - 1), min(int(self.u.value), columns - 1)
-        image = displayed(self._light_field.views[index])
+        image = view_picture(self._light_field.views[index])
         y, x = self.page.selection.pixel
         if not np.isfinite(self.page.disparity):
             return enlarged(image)
@@ -333,7 +334,7 @@ class RefocusPanel:
             "Focus on the picked pixel", hint="Set the focus to the disparity of the picked pixel."
         )
         self._picture = gui.add_image(
-            enlarged(displayed(page.scene.light_field.centre)),
+            enlarged(view_picture(page.scene.light_field.centre)),
             format="jpeg",
             jpeg_quality=JPEG_QUALITY,
         )

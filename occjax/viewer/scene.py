@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.lightfield import Calibration, LightField, to_unit_float
+from occjax.lightfield import Calibration, LightField
+from occjax.viz.pictures import view_picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class ViewedScene:
     @cached_property
     def centre(self) -> np.ndarray | None:
         """``[H, W, 3]`` uint8 centre view, if the views are available."""
-        return None if self.light_field is None else displayed(self.light_field.centre)
+        return None if self.light_field is None else view_picture(self.light_field.centre)
 
     @cached_property
     def disparity_range(self) -> tuple[float, float]:
@@ -102,9 +103,3 @@ class ViewedScene:
         disparity = self.results[0].disparity
         known = disparity[np.isfinite(disparity)]
         return float(np.median(known) if known.size else np.mean(self.disparity_range))
-
-
-def displayed(image: np.ndarray) -> np.ndarray:
-    """Return an image ``[H, W, C]`` of any type as ``[H, W, 3]`` uint8 RGB."""
-    levels = np.clip(to_unit_float(image), 0.0, 1.0) * 255.0 + 0.5
-    return np.broadcast_to(levels.astype(np.uint8), (*image.shape[:2], 3))
