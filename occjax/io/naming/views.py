@@ -78,9 +78,9 @@ def find_views(
 
 
 def _warn_of_ignored(folder: str, names: list[str], matches: list[re.Match[str]]) -> None:
-    """Warn of images that are named like views, but for their suffix, and are not read.
+    """Warn of images that are not read and whose names differ from those of views in the suffix.
 
-    An image of a view that another file shows too is not among them.
+    An image with the name of a view that is read is not among them.
     """
     read = {PurePosixPath(match.string).with_suffix("") for match in matches}
     sample = matches[0]
