@@ -40,6 +40,8 @@ def join_processes(config: HostConfig) -> None:
             f"the processes that train together are not found ({reason}); pass --coordinator "
             "HOST:PORT --processes N --process I, the same HOST:PORT to all of them"
         ) from error
+    # On CPUs, the first exchange waits 30 s for the others: now, before any of them compiles.
+    multihost_utils.sync_global_devices("joined")
 
 
 def is_first_process() -> bool:

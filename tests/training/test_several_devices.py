@@ -1,7 +1,5 @@
 """The short form of ``python -m tests.training.several_devices``."""
 
-import os
-
 import numpy as np
 import pytest
 
@@ -22,11 +20,6 @@ STEPS, OPTIONS = 6, ("--checkpoint-steps", "3")
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    "OCCJAX_TEST_PROCESSES" not in os.environ,
-    reason="set OCCJAX_TEST_PROCESSES; JAX waits 30 s for the other process, too short while other "
-    "tests use the cores",
-)
 def test_one_device_two_processes_and_eight_devices_train_alike(tmp_path):
     """The eight devices resume the two processes at half the steps."""
     work(["--worker", str(tmp_path / "one"), "--steps", str(STEPS), *OPTIONS], devices=1)
