@@ -49,8 +49,7 @@ class ProposalEstimator:
         (low, high), notes = choose_range(light_field, disparity_range)
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
-        positions = light_field.positions
-        offsets = grid_offsets if positions is None else np.asarray(positions, np.float32)
+        offsets = np.asarray(light_field.offsets, np.float32)
         # The arrangement refers to the places of a grid; irregular views are all used.
         usable = np.flatnonzero(brightness.usable)
         views = self.config.views if is_grid(offsets) else "all"
