@@ -164,7 +164,7 @@ def micro(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("micro")
 def test_one_batch_is_overfitted(tmp_path, capsys):
-    assert run(tmp_path / "run", "--overfit-one") == 0
+    assert run(tmp_path / "run", "--overfit-one", "--devices", 1) == 0
     entries = read_log(tmp_path / "run")
     assert entries[-1]["badpix"] < 0.5 * entries[0]["badpix"]
     assert "one batch: loss" in capsys.readouterr().out
@@ -174,7 +174,7 @@ def test_one_batch_is_overfitted(tmp_path, capsys):
 @pytest.mark.usefixtures("micro")
 def test_a_batch_whose_loss_does_not_halve_fails(tmp_path, capsys):
     arguments = ("--overfit-one", "--steps", 3, "--log-every", 1, "--optimiser.peak-rate", "1e-9")
-    assert run(tmp_path / "run", *arguments) == 1
+    assert run(tmp_path / "run", *arguments, "--devices", 1) == 1
     assert "has not halved" in capsys.readouterr().err
 
 
