@@ -27,7 +27,7 @@ from occjax.cli.options import option
 from occjax.data.pool import render_pool
 from occjax.data.procedural import Defects, Outlines, Textures
 from occjax.lightfield import LightField
-from occjax.models import ProposalConfig, preset
+from occjax.models import ProposalNetConfig, preset
 from occjax.training import Recipe, RunConfig, recipe, scenes_from_folders
 from occjax.training.data import validation_scenes
 
@@ -234,7 +234,7 @@ def run(
     return results
 
 
-def _proposals_of(row: Recipe) -> tuple[ProposalConfig, int]:
+def _proposals_of(row: Recipe) -> tuple[ProposalNetConfig, int]:
     """Return the settings that the prepared proposals depend on."""
     return replace(row.train.network, selector=None), row.data.seed
 

@@ -15,7 +15,7 @@ from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.estimators.strips import Strips, map_strips, plan_strips
 from occjax.layout import check, view_brightness
 from occjax.lightfield import LightField, centre_index, view_offsets
-from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.view_selection import is_grid, select_view_indices
 
@@ -33,7 +33,7 @@ class ProposalEstimator:
     """
 
     name: str
-    config: ProposalConfig
+    config: ProposalNetConfig
     variables: dict = field(default_factory=dict, compare=False)
     weights: str | None = field(default=None, compare=False)
     precision: str = "float32"

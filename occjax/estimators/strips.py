@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from occjax.models.proposal import ProposalConfig
+from occjax.models.proposal import ProposalNetConfig
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def plan_strips(
     views: int,
     candidates: int,
     motion: float,
-    network: ProposalConfig,
+    network: ProposalNetConfig,
     config: StripConfig = StripConfig(),
 ) -> Strips | None:
     """Divide an image into strips if its estimate as a whole would take too much memory.
@@ -72,8 +72,8 @@ def plan_strips(
         The strips; None if the whole image fits.
 
     Example:
-        >>> plan_strips((512, 512), 17, 30, 20.0, ProposalConfig())
-        >>> plan_strips((2000, 1500), 17, 30, 20.0, ProposalConfig()).rows.shape
+        >>> plan_strips((512, 512), 17, 30, 20.0, ProposalNetConfig())
+        >>> plan_strips((2000, 1500), 17, 30, 20.0, ProposalNetConfig()).rows.shape
         (4, 604)
     """
     h, w = image_size

@@ -10,8 +10,8 @@ from .occcasnet import (
     sampled as sampled,
 )
 from .proposal import (
-    ProposalConfig as ProposalConfig,
     ProposalNet as ProposalNet,
+    ProposalNetConfig as ProposalNetConfig,
     ProposalOutput as ProposalOutput,
 )
 from .registry import (

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from occjax.errors import InputError, nearest
-from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.registry import ALIASES, PRESETS
 
 FOLDER = Path(__file__).parent / "weight_files"
@@ -85,7 +85,7 @@ def ready_models() -> tuple[str, ...]:
     unlearned = [
         name
         for name, config in PRESETS.items()
-        if isinstance(config, ProposalConfig) and config.selector is None
+        if isinstance(config, ProposalNetConfig) and config.selector is None
     ]
     return (*bundled, *unlearned)
 

@@ -107,7 +107,9 @@ def convert_legacy_names(variables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _convert_legacy(description: dict[str, Any]) -> dict[str, Any]:
-    """Convert a description of version 0.1, where one class configured both networks."""
+    """Convert a description of an earlier version; in 0.1 one class configured both networks."""
+    if description.get("kind") == "ProposalConfig":
+        return {**description, "kind": "ProposalNetConfig"}
     if description.get("kind") != "NetworkConfig":
         return description
     first, *others = description["stages"]
@@ -129,7 +131,7 @@ def _legacy_proposal(description: dict, search: dict, choice: dict) -> dict[str,
     semi_global, selector = search["semi_global"], choice["aggregation"]
     candidates = search["candidates"]
     return {
-        "kind": "ProposalConfig",
+        "kind": "ProposalNetConfig",
         "costs": {**description["features"], "kind": "CostConfig"},
         "search": {
             "kind": "SearchConfig",

@@ -10,9 +10,9 @@ from typing import Any, Literal
 from occjax.errors import InputError, nearest
 from occjax.models.occcasnet.config import OccCasNetConfig
 from occjax.models.occcasnet.presets import PRESETS as OCCCASNET_PRESETS
-from occjax.models.proposal.config import PRESETS as PROPOSAL_PRESETS, ProposalConfig
+from occjax.models.proposal.config import PRESETS as PROPOSAL_PRESETS, ProposalNetConfig
 
-ModelConfig = OccCasNetConfig | ProposalConfig
+ModelConfig = OccCasNetConfig | ProposalNetConfig
 
 Precision = Literal["float32", "bfloat16"]
 """Type of a network's convolutions; parameters stay float32."""
@@ -34,7 +34,7 @@ def preset(name: str, **changes: Any) -> Any:
         **changes: Fields to replace, for instance ``warp="transposed"``.
 
     Returns:
-        :class:`OccCasNetConfig` or :class:`ProposalConfig`.
+        :class:`OccCasNetConfig` or :class:`ProposalNetConfig`.
 
     Raises:
         InputError: If there is no model of that name.

@@ -15,7 +15,7 @@ from occjax.data.scenes import load_scenes
 from occjax.data.sources import ALL_ROWS, Source, cached_source, mixture, procedural_source
 from occjax.errors import InputError
 from occjax.lightfield import LightField
-from occjax.models import ModelConfig, ProposalConfig
+from occjax.models import ModelConfig, ProposalNetConfig
 from occjax.training.config import DataConfig
 from occjax.training.prepared import prepared_source
 from occjax.training.step import BatchSource
@@ -107,7 +107,7 @@ def _prepared(config: DataConfig, folder: Path, network: ModelConfig) -> BatchSo
         flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
     )
     others = config.procedural_share > 0.0 or config.folders
-    if not isinstance(network, ProposalConfig) or others or not config.pools:
+    if not isinstance(network, ProposalNetConfig) or others or not config.pools:
         raise InputError(
             "data.prepared needs the proposal network and no data but pools; pass --recipe "
             "proposal, --data.pools and --data.procedural-share 0"

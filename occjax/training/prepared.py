@@ -30,7 +30,7 @@ from occjax.errors import InputError
 from occjax.io.arrays import load_fields
 from occjax.io.atomic import atomic_path
 from occjax.io.run_folder import open_run_folder, read_description
-from occjax.models import ProposalConfig, ProposalNet
+from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.config_json import config_to_json
 from occjax.models.proposal.aperture import SECTORS
 from occjax.models.proposal.proposals import ProposalCosts, Proposals
@@ -122,7 +122,7 @@ def unpack(packed: PackedProposals) -> Proposals:
 def prepared_source(
     pools: Sequence[str | Path],
     folder: str | Path,
-    network: ProposalConfig,
+    network: ProposalNetConfig,
     batch_size: int,
     seed: int,
     *,
@@ -190,7 +190,7 @@ def prepared_source(
 def prepare(
     key: Array,
     sample: LightFieldSample,
-    network: ProposalConfig,
+    network: ProposalNetConfig,
     augmentation: AugmentationConfig,
 ) -> PreparedSample:
     """Vary tone and noise of one light field (no batch axis) and compute its proposals."""
@@ -201,7 +201,7 @@ def prepare(
 
 
 def propose(
-    sample: LightFieldSample, network: ProposalConfig
+    sample: LightFieldSample, network: ProposalNetConfig
 ) -> tuple[Proposals, Float[Array, "h w"]]:
     """Return proposals and true disparity of one light field, both at the configured reach."""
     proposals = ProposalNet(network).apply({}, sample.views, sample.offsets, method="propose")
@@ -210,7 +210,7 @@ def propose(
     return proposals, sample.disparity * scale
 
 
-def check_crop(crop: tuple[int, ...], network: ProposalConfig) -> None:
+def check_crop(crop: tuple[int, ...], network: ProposalNetConfig) -> None:
     """Check that the selector can be applied to patches of ``(h, w)`` pixels.
 
     Raises:
@@ -331,7 +331,7 @@ def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:
 
 def _description(
     pools: Sequence[str | Path],
-    network: ProposalConfig,
+    network: ProposalNetConfig,
     seed: int,
     augmentation: AugmentationConfig,
 ) -> dict:

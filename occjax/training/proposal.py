@@ -14,7 +14,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from occjax.data.samples import LightFieldSample
-from occjax.models import ProposalConfig, ProposalNet
+from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.proposal import Selection
 from occjax.models.proposal.proposals import Proposals
 from occjax.training.config import LossConfig, Precision
@@ -34,7 +34,7 @@ class ProposalTask:
         mesh: Devices that share a batch along the axis ``"data"``; None is one device.
     """
 
-    network: ProposalConfig
+    network: ProposalNetConfig
     loss_config: LossConfig
     precision: Precision
     mesh: Mesh | None = None

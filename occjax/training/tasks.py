@@ -11,7 +11,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array
 
 from occjax.errors import InputError
-from occjax.models import ModelConfig, OccCasNetConfig, ProposalConfig
+from occjax.models import ModelConfig, OccCasNetConfig, ProposalNetConfig
 from occjax.training.config import LossConfig, Precision
 from occjax.training.losses import WeightedSum
 from occjax.training.occcasnet import OccCasNetTask
@@ -90,6 +90,6 @@ def task_of(
     loss = loss or LossConfig()
     if isinstance(network, OccCasNetConfig):
         return OccCasNetTask(network, loss, precision)
-    if isinstance(network, ProposalConfig) and network.selector is not None:
+    if isinstance(network, ProposalNetConfig) and network.selector is not None:
         return ProposalTask(network, loss, precision, mesh)
     raise InputError("the model has no weights to train; choose another --network-preset")

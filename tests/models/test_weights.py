@@ -9,7 +9,7 @@ from flax import traverse_util
 from safetensors.numpy import save_file
 
 from occjax.errors import InputError
-from occjax.models import ProposalConfig, load_weights, preset, save_weights
+from occjax.models import ProposalNetConfig, load_weights, preset, save_weights
 from occjax.models.config_json import config_from_json, config_to_json
 from occjax.models.proposal import (
     CostConfig,
@@ -77,7 +77,7 @@ def write_legacy(path, description, variables, rename=lambda name: name):
 
 def test_proposal_weights_of_version_0_1_are_loaded(tmp_path):
     offsets = ((0, -3), (0, 3), (-3, 0), (3, 0))
-    expected = ProposalConfig(
+    expected = ProposalNetConfig(
         costs=CostConfig(grey_truncation=0.03, derivative_truncation=0.005),
         search=SearchConfig(2, 0.5, 1.0, 0.25, 0.9, 0.04, 0.2),
         refinement=RefinementConfig(steps=2),
@@ -206,7 +206,7 @@ def test_unusable_files_are_refused(tmp_path, name, content, message):
 
 def test_configuration_of_a_later_version_is_refused(tmp_path):
     path = tmp_path / "later.safetensors"
-    save_file({}, path, metadata={"config": '{"kind": "ProposalConfig", "later": 1}'})
+    save_file({}, path, metadata={"config": '{"kind": "ProposalNetConfig", "later": 1}'})
     with pytest.raises(
         InputError, match=r"later.safetensors: cannot be decoded as the configuration"
     ):

@@ -4,7 +4,7 @@ from .config import (
     ExposureConfig as ExposureConfig,
     NoiseConfig as NoiseConfig,
     PlanarConfig as PlanarConfig,
-    ProposalConfig as ProposalConfig,
+    ProposalNetConfig as ProposalNetConfig,
     ProposalsConfig as ProposalsConfig,
     RefinementConfig as RefinementConfig,
     SearchConfig as SearchConfig,

@@ -5,7 +5,7 @@ data: exposure, matching costs, semi-global search, refinement by planes, propos
 planar surfaces.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
-light field whose largest view offset is ``ProposalConfig.reach``.
+light field whose largest view offset is ``ProposalNetConfig.reach``.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ class PlanarConfig:
 
 
 @dataclass(frozen=True)
-class ProposalConfig:
+class ProposalNetConfig:
     """ProposalNet, or with ``selector=None`` the training-free estimator.
 
     Attributes:
@@ -282,15 +282,15 @@ class ProposalConfig:
         return 2 ** len(self.selector.context)
 
 
-PRESETS: dict[str, ProposalConfig] = {
-    "proposal": ProposalConfig(),
-    "proposal_small": ProposalConfig(selector=SelectorConfig(16, (24, 24, 32, 32))),
-    "proposal_large": ProposalConfig(selector=SelectorConfig(64, (64, 64, 96, 96))),
+PRESETS: dict[str, ProposalNetConfig] = {
+    "proposal": ProposalNetConfig(),
+    "proposal_small": ProposalNetConfig(selector=SelectorConfig(16, (24, 24, 32, 32))),
+    "proposal_large": ProposalNetConfig(selector=SelectorConfig(64, (64, 64, 96, 96))),
     # Without a selector that corrects depth edges, full resolution and all views are better:
     # BadPix 0.07 of HCI antinous 3.2 % instead of 4.0 %, of the bundled sample 7.3 % instead of
     # 8.7 %. The penalties are those of twice as many pixels along a path. The context mean blurs
     # depth edges at full resolution.
-    "photometric": ProposalConfig(
+    "photometric": ProposalNetConfig(
         search=SearchConfig(
             downsampling=1,
             interval=0.1,

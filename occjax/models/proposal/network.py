@@ -20,7 +20,7 @@ from occjax.errors import InputError
 from occjax.kernels.reductions import softmax_leading, sum_leading
 from occjax.lightfield import centre_index, view_offsets
 from occjax.models.proposal.aperture import SECTORS
-from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.models.proposal.filters import median_filter
 from occjax.models.proposal.planar import flatten_planar_surfaces
@@ -78,7 +78,7 @@ class ProposalNet(nn.Module):
         dtype: Type of the selector's convolutions (float32 or bfloat16).
 
     Example:
-        >>> network = ProposalNet(ProposalConfig(selector=None))
+        >>> network = ProposalNet(ProposalNetConfig(selector=None))
         >>> texture = jax.random.uniform(jax.random.key(0), (16, 24))
         >>> views = jnp.stack([jnp.roll(texture, -k, axis=1) for k in (-1, 0, 1)])[None]
         >>> output = jax.jit(network.apply)({}, views, candidates=jnp.linspace(-2.0, 2.0, 9))
@@ -86,7 +86,7 @@ class ProposalNet(nn.Module):
         1.0
     """
 
-    config: ProposalConfig
+    config: ProposalNetConfig
     dtype: DTypeLike = jnp.float32
 
     def setup(self) -> None:
@@ -251,7 +251,7 @@ class ProposalNet(nn.Module):
         return GreyViews(grey, offsets / scale), candidates, scale
 
 
-def variable_shapes(config: ProposalConfig) -> dict:
+def variable_shapes(config: ProposalNetConfig) -> dict:
     """Return shapes and types of the network's variables without computing any.
 
     Args:
@@ -275,7 +275,7 @@ def variable_shapes(config: ProposalConfig) -> dict:
     return dict(jax.eval_shape(init, jax.random.key(0), proposals))
 
 
-def _selection_confidence(selection: Selection, config: ProposalConfig) -> Float[Array, "h w"]:
+def _selection_confidence(selection: Selection, config: ProposalNetConfig) -> Float[Array, "h w"]:
     """Return the probability of all proposals close to the selected disparity.
 
     Where several proposals are equal, their entropy is meaningless.

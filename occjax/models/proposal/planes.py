@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from occjax.kernels.bilinear import warp_plane
 from occjax.models.proposal.aperture import nearest_views, other_views
-from occjax.models.proposal.config import ProposalConfig, RefinementConfig
+from occjax.models.proposal.config import ProposalNetConfig, RefinementConfig
 from occjax.models.proposal.filters import (
     box_filter,
     central_differences,
@@ -48,7 +48,10 @@ class Refined(NamedTuple):
 
 
 def refine(
-    grey: GreyViews, searched: SearchResult, candidates: Float[Array, " d"], config: ProposalConfig
+    grey: GreyViews,
+    searched: SearchResult,
+    candidates: Float[Array, " d"],
+    config: ProposalNetConfig,
 ) -> tuple[Float[Array, "h w"], Refined]:
     """Refine the result of the search at full resolution.
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Float16
 
 from occjax.kernels.reductions import max_leading
 from occjax.models.proposal.aperture import SECTORS
-from occjax.models.proposal.config import ProposalConfig
+from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.filters import box_filter, sample_at_offsets
 from occjax.models.proposal.resolution import depth_to_space, space_to_depth, upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, interpolate_volume
@@ -105,7 +105,7 @@ def propose(
     searched: SearchResult,
     refined: Float[Array, "h w"],
     candidates: Float[Array, " d"],
-    config: ProposalConfig,
+    config: ProposalNetConfig,
 ) -> Proposals:
     """Propose disparities for each pixel and compute their costs.
 

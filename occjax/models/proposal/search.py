@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from occjax.kernels.reductions import min_leading, softmax_leading
 from occjax.lightfield import centre_index
-from occjax.models.proposal.config import ProposalConfig, SearchConfig
+from occjax.models.proposal.config import ProposalNetConfig, SearchConfig
 from occjax.models.proposal.costs import photometric_costs
 from occjax.models.proposal.exposure import vignette_mask
 from occjax.models.proposal.filters import box_filter, edge_aware_mean
@@ -57,7 +57,9 @@ class SearchResult(NamedTuple):
     probabilities: Float[Array, "d i j"]
 
 
-def search(grey: GreyViews, candidates: Float[Array, " d"], config: ProposalConfig) -> SearchResult:
+def search(
+    grey: GreyViews, candidates: Float[Array, " d"], config: ProposalNetConfig
+) -> SearchResult:
     """Search the whole disparity range.
 
     Args:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occjax.lightfield import view_offsets
-from occjax.models import ProposalConfig, ProposalNet
+from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.proposal import ProposalsConfig, proposals
 from occjax.models.proposal.search import SearchResult
 from tests.scenes import plane
@@ -19,7 +19,7 @@ continued_surfaces = jax.jit(proposals._continued_surfaces, static_argnums=(1, 2
 @pytest.mark.slow
 def test_all_neighbours_on_one_surface_propose_its_disparity():
     # With a reach of 1, the disparities of a grid of 3x3 views are not scaled.
-    config = ProposalConfig(reach=1.0)
+    config = ProposalNetConfig(reach=1.0)
     scene = plane(grid=(3, 3), size=(48, 48), disparity=0.4, slope=(0.01, 0.005))
     views, offsets = jnp.asarray(scene.grey()), jnp.asarray(view_offsets(3, 3))
     found = jax.jit(lambda *arrays: ProposalNet(config).apply({}, *arrays, method="propose"))(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occjax.lightfield import view_offsets
-from occjax.models.proposal import ProposalConfig, search
+from occjax.models.proposal import ProposalNetConfig, search
 from occjax.models.proposal.filters import edge_aware_mean
 from occjax.models.proposal.search import GreyViews, interpolate_volume
 from tests.scenes import noisy_waves
@@ -28,7 +28,7 @@ def test_noisy_waves_are_found():
     disparity = 0.5
     grey = GreyViews(noisy_waves(0.02, disparity), jnp.asarray(view_offsets(3, 3)))
     found = jax.jit(search.search, static_argnames="config")(
-        grey, jnp.linspace(-1.0, 2.0, 13), config=ProposalConfig(selector=None)
+        grey, jnp.linspace(-1.0, 2.0, 13), config=ProposalNetConfig(selector=None)
     )
     assert found.disparity.shape == (32, 32)
     error = np.abs(found.disparity - disparity)[4:-4, 4:-4]
@@ -43,7 +43,7 @@ def test_means_along_a_slanted_surface_find_it_where_means_at_one_disparity_do_n
     truth = jnp.asarray(np.linspace(-0.6, 0.6, 40)[None].repeat(40, 0), jnp.float32)
     noise = np.random.default_rng(0).normal(0.3, 0.2, (17, 40, 40))
     costs = jnp.minimum(jnp.abs(candidates[:, None, None] - truth[None]), 0.5) / 2 + noise
-    settings, edges = ProposalConfig().search, jnp.zeros((1, 40, 40))
+    settings, edges = ProposalNetConfig().search, jnp.zeros((1, 40, 40))
     found = jax.jit(search._along_surfaces, static_argnames="settings")(
         costs, candidates, truth + 0.2, edges, jnp.zeros((40, 40), bool), settings=settings
     )
