@@ -101,7 +101,6 @@ def refocus_command(
         raise InputError(f"--aperture is {aperture:g}; it must be at least 0 view steps")
     if result is not None and not (at or all_in_focus):
         raise InputError(f"--result is only for --at and --all-in-focus, not for {given[0]}")
-    _check_rate(fps)
     if sweep is not None:
         return _focus_sweep(scene, output, sweep, aperture, fps, view_order)
     if output.suffix.lower() not in PICTURE_SUFFIXES:
@@ -148,9 +147,9 @@ def sweep_command(
 
     $ occjax sweep SCENE -o parallax.webp
     """
-    from occjax.io.video import check_video, write_video
+    from occjax.io.video import check_rate, check_video, write_video
 
-    _check_rate(fps)
+    check_rate(fps)
     check_video(output)
     refocuser = _refocuser(scene, view_order)
     count = write_video(output, refocuser.sweep(path), frames_per_second=fps)
@@ -169,22 +168,18 @@ def _focus_sweep(
     """Write the video of ``refocus --sweep``."""
     import numpy as np
 
-    from occjax.io.video import check_video, write_video
+    from occjax.io.video import check_rate, check_video, write_video
 
     low, high, count = sweep
     if count < 2:
         raise InputError(f"--sweep has {count} frames; pass at least 2")
+    check_rate(fps)
     check_video(output)
     refocuser = _refocuser(scene, view_order)
     frames = (refocuser.image(d, aperture=aperture) for d in np.linspace(low, high, count))
     write_video(output, frames, frames_per_second=fps)
     print(f"{output}: {count} frames, focus from disparity {low:g} to {high:g}")
     return 0
-
-
-def _check_rate(fps: float) -> None:
-    if not 0.0 < fps <= 1000.0:
-        raise InputError(f"--fps is {fps:g}; pass a number above 0, at most 1000")
 
 
 def _refocuser(scene: Path, view_order: ViewOrderOptions) -> Refocuser:

@@ -67,8 +67,10 @@ class RunOptions:
                 f"the share is {index} {count}; pass the number of this process, from 0 to "
                 f"{max(count, 1) - 1}, and the number of processes"
             )
-        if self.frames_per_second is not None and not 0 < self.frames_per_second <= 1000:
-            raise InputError(f"the rate is {self.frames_per_second:g}; pass 0 to 1000 frames/s")
+        if self.frames_per_second is not None:
+            from occjax.io.video import check_rate
+
+            check_rate(self.frames_per_second)
 
 
 class ReadScene(NamedTuple):

@@ -44,6 +44,24 @@ def check_video(path: Path) -> None:
         )
 
 
+def check_rate(frames_per_second: float) -> None:
+    """Verify the rate of a video.
+
+    Args:
+        frames_per_second: Rate of display.
+
+    Raises:
+        InputError: If it is not above 0 and at most 1000.
+
+    Example:
+        >>> check_rate(29.97)
+    """
+    if not 0.0 < frames_per_second <= 1000.0:
+        raise InputError(
+            f"the rate is {frames_per_second:g} frames/s; pass more than 0, up to 1000"
+        )
+
+
 def write_video(
     path: str | Path, frames: Iterable[np.ndarray], *, frames_per_second: float = 12.0
 ) -> int:
@@ -59,7 +77,7 @@ def write_video(
         The number of frames.
 
     Raises:
-        InputError: If the suffix is another one, the extra ``video`` is missing, there is no frame,
+        InputError: If suffix or rate are others, the extra ``video`` is missing, there is no frame,
             or the file cannot be written.
 
     Example:
@@ -73,6 +91,7 @@ def write_video(
     """
     path = Path(path)
     check_video(path)
+    check_rate(frames_per_second)
     counted, count = iter(frames), 0
     first = next(counted, None)
     if first is None:

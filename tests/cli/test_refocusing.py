@@ -67,7 +67,7 @@ def test_the_disparity_of_a_pixel_is_estimated(run, scene, tmp_path):
         (("--sweep", -1, 1, 1), "pass at least 2"),
         (("--sweep", -1, 1, 5), "needs the suffix .mp4"),
         (("--disparity", 1, "-o", "video.mp4"), "not the name of a picture"),
-        (("--disparity", 1, "--fps", 0), "--fps is 0"),
+        (("--sweep", -1, 1, 5, "--fps", 0), "the rate is 0 frames"),
     ],
 )
 def test_wrong_options_are_explained_before_the_scene_is_read(run, arguments, message):
