@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import flax.linen as nn
 import jax
@@ -108,23 +107,20 @@ class ProposalSelector(nn.Module):
         mean_costs = sum(cost.astype(jnp.float32) for cost in costs) / len(costs)
         # Offset of each proposal's source: the pixel itself, the neighbours, the second best.
         sources = ((0, 0), *self.offsets, (0, 0))
-        contrasts = path_contrasts(proposals.centre, sources)
+        source_features = proposal_source_features(proposals, sources, config.similarity)
 
         def as_blocks(maps: Float[Array, "n c h w"]) -> Float[Array, "n i j _"]:
             return space_to_depth(jnp.moveaxis(maps, 1, -1)).astype(self.dtype)
 
-        enter = nn.Dense(width, dtype=self.dtype, name="enter")
-        residual = Residual3x3(dtype=self.dtype, name="residual_0")
+        def encode(costs, proposed, source_features):
+            change = proposed - proposals.disparity[None]
+            cost_features = proposal_cost_features(costs, change, mean_costs, config.cost_floor)
+            features = jnp.concatenate([cost_features, source_features], axis=1)
+            enter = nn.Dense(width, dtype=self.dtype, name="enter")
+            residual = Residual3x3(dtype=self.dtype, name="residual_0")
+            return residual(nn.relu(enter(as_blocks(jax.lax.stop_gradient(features)))))
 
-        def encode(group: slice) -> Float[Array, "n i j _"]:
-            features = [
-                proposal_cost_features(proposals, group, mean_costs, config.cost_floor),
-                proposal_source_features(proposals, group, sources, contrasts, config.similarity),
-            ]
-            maps = jax.lax.stop_gradient(jnp.concatenate(features, axis=1))
-            return residual(nn.relu(enter(as_blocks(maps))))
-
-        groups = [encode(group) for group in _pairs(len(proposals.proposed))]
+        encoded = _map_pairs(self, encode, costs, proposals.proposed, source_features)
         image_features = [
             (proposals.centre - 0.5)[None],
             jnp.stack(central_differences(proposals.disparity)),
@@ -134,19 +130,26 @@ class ProposalSelector(nn.Module):
             0.3 * jnp.log(mean_costs + config.cost_floor),
         ]
         image = as_blocks(jnp.concatenate(image_features)[None])
-        context = self._context(jnp.concatenate([_mean_and_max(groups), image], axis=-1))
+        context = self._context(jnp.concatenate([_mean_and_max(encoded), image], axis=-1))
         gate, shift = jnp.split(
             nn.Dense(2 * width, dtype=self.dtype, name="context")(context), 2, axis=-1
         )
         gate = nn.sigmoid(gate)
-        norm = nn.LayerNorm(dtype=self.dtype, name="gated_norm")
-        residual = Residual3x3(dtype=self.dtype, name="residual_1")
-        groups = [residual(nn.relu(norm(group * gate + shift))) for group in groups]
-        others = nn.Dense(width, dtype=self.dtype, name="others")(_mean_and_max(groups))
-        leave = ImageConv(width, dtype=self.dtype, name="leave")
-        score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
-        blocks = jnp.concatenate([score(nn.relu(leave(group) + others)) for group in groups])
-        scores = depth_to_space(blocks)[..., 0].astype(jnp.float32)
+
+        def compare(encoded):
+            norm = nn.LayerNorm(dtype=self.dtype, name="gated_norm")
+            residual = Residual3x3(dtype=self.dtype, name="residual_1")
+            return residual(nn.relu(norm(encoded * gate + shift)))
+
+        compared = _map_pairs(self, compare, encoded)
+        others = nn.Dense(width, dtype=self.dtype, name="others")(_mean_and_max(compared))
+
+        def score(compared):
+            leave = ImageConv(width, dtype=self.dtype, name="leave")
+            score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
+            return score(nn.relu(leave(compared) + others))
+
+        scores = depth_to_space(_map_pairs(self, score, compared))[..., 0].astype(jnp.float32)
         bias = nn.initializers.constant(config.initial_bias)
         return scores.at[0].add(self.param("stay", bias, (), jnp.float32))
 
@@ -175,15 +178,17 @@ class ProposalSelector(nn.Module):
 
 
 def proposal_cost_features(
-    proposals: Proposals, group: slice, mean_costs: Float[Array, "13 h w"], floor: float
+    costs: Float[Array, "n 13 h w"],
+    change: Float[Array, "n h w"],
+    mean_costs: Float[Array, "13 h w"],
+    floor: float,
 ) -> Float[Array, "n 28 h w"]:
     """Return costs relative to their mean over the proposals, absolute costs, and the change.
 
     Relative costs do not depend on the contrast of the texture.
     """
-    costs = proposals.costs.channels[group].astype(jnp.float32)
+    costs = costs.astype(jnp.float32)
     relative = costs / (mean_costs + floor)[None] - 1.0
-    change = proposals.proposed[group] - proposals.disparity[None]
     maps = [
         jnp.clip(relative, -1.0, 3.0),
         jnp.sqrt(costs),
@@ -194,25 +199,24 @@ def proposal_cost_features(
 
 
 def proposal_source_features(
-    proposals: Proposals,
-    group: slice,
-    sources: Offsets,
-    contrasts: Float[Array, "k h w"],
-    similarity: float,
-) -> Float[Array, "n 7 h w"]:
-    """Return the similarity of a pixel to the source of the proposal and the source's certainty.
+    proposals: Proposals, sources: Offsets, similarity: float
+) -> Float[Array, "k 7 h w"]:
+    """Return the similarity of a pixel to the source of each proposal and the source's certainty.
 
     The seven maps: grey difference, sum of grey differences on the line to the source, whether the
     source is a neighbour, the two spread maps of the source, the cost of the source's own
     disparity, and the fraction of proposals that agree.
     """
     centre, proposed = proposals.centre, proposals.proposed
-    sources, contrast = sources[group], contrasts[group]
+    contrast = path_contrasts(centre, sources)
     difference = jnp.abs(sample_at_offsets(centre, sources) - centre[None])
     is_neighbour = jnp.array([source != (0, 0) for source in sources], centre.dtype)
     source_cost = proposals.costs.best_half[0].astype(jnp.float32)
-    distance = (proposed[:, None] - proposed[None, group]) / similarity
-    agreement = sum_leading(1.0 / (1.0 + jnp.square(distance))) / len(proposed)
+
+    def agreement(one: Float[Array, "h w"]) -> Float[Array, "h w"]:
+        distance = (proposed - one[None]) / similarity
+        return sum_leading(1.0 / (1.0 + jnp.square(distance))) / len(proposed)
+
     maps = [
         difference / (difference + similarity),
         contrast / (contrast + similarity),
@@ -220,7 +224,7 @@ def proposal_source_features(
         sample_at_offsets(proposals.log_variance, sources),
         sample_at_offsets(proposals.peak_probability, sources),
         jnp.sqrt(sample_at_offsets(source_cost, sources)),
-        agreement,
+        jax.lax.map(agreement, proposed),
     ]
     return jnp.stack(maps, axis=1)
 
@@ -268,14 +272,23 @@ def line_pixels(offset: tuple[int, int]) -> list[tuple[int, int]]:
     ]
 
 
-def _pairs(count: int) -> list[slice]:
-    """Return slices of two proposals: on a CPU, XLA convolves two twice as fast as ten at once."""
-    return [slice(first, first + 2) for first in range(0, count, 2)]
+def _map_pairs(module: nn.Module, function: Callable[..., Array], *stacks: Array) -> Array:
+    """Apply layers to two proposals at a time, with the same parameters.
+
+    On a CPU, XLA convolves two twice as fast as ten at once. A loop needs 0.6 of the memory of
+    the same layers written once per pair, and is compiled in 0.6 of the time.
+    """
+
+    def body(_, carry: None, pair: tuple[Array, ...]) -> tuple[None, Array]:
+        return carry, function(*pair)
+
+    loop = nn.scan(body, variable_broadcast="params", split_rngs={"params": False})
+    pairs = jax.tree.map(lambda stack: stack.reshape(-1, 2, *stack.shape[1:]), stacks)
+    mapped = loop(module, None, pairs)[1]
+    return mapped.reshape(-1, *mapped.shape[2:])
 
 
-def _mean_and_max(groups: list[Float[Array, "k i j c"]]) -> Float[Array, "1 i j _"]:
+def _mean_and_max(proposals: Float[Array, "k i j c"]) -> Float[Array, "1 i j _"]:
     """Return mean and maximum over all proposals."""
-    count = sum(map(len, groups))
-    mean = functools.reduce(jnp.add, map(sum_leading, groups)) / count
-    largest = functools.reduce(jnp.maximum, map(max_leading, groups))
+    mean, largest = sum_leading(proposals) / len(proposals), max_leading(proposals)
     return jnp.concatenate([mean[None], largest[None]], axis=-1)

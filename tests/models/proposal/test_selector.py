@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occjax.models import ProposalNet, preset
-from occjax.models.proposal.selector import path_contrasts, proposal_source_features
+from occjax.models.proposal.selector import proposal_source_features
 
 CONFIG = preset("proposal_small")
 
@@ -76,11 +76,7 @@ def test_proposals_close_to_the_likeliest_are_averaged(variables, random_proposa
 def test_source_features_agree_with_loops(random_proposals):
     proposals = random_proposals(9, 11)
     sources = ((0, 0), *CONFIG.proposals.offsets, (0, 0))
-    contrasts = path_contrasts(proposals.centre, sources)
-    groups = [slice(k, k + 2) for k in range(0, 10, 2)]
-    found = np.concatenate(
-        [proposal_source_features(proposals, k, sources, contrasts, 0.05) for k in groups]
-    )
+    found = proposal_source_features(proposals, sources, 0.05)
     centre, _, proposed, costs, variance, peak = map(np.asarray, jax.tree.leaves(proposals))
 
     def at(image, y, x):
