@@ -3,7 +3,9 @@
     python -m experiments.interval_study FOLDER --data HCI/additional --validate HCI/training/*
     python -m experiments.interval_study FOLDER --recipe full        (procedural light fields)
     python -m experiments.interval_study FOLDER --show --time        (finished rows, no training)
-    python -m experiments.interval_study FOLDER --small              (minutes)
+    python -m experiments.interval_study FOLDER --small              (a smoke test, minutes)
+    python -m experiments.interval_study --reduced                   (committed table, seconds)
+    python -m experiments.interval_study FOLDER --reduced --validate SCENE...   (hours on a CPU)
 
 Cost: each interval is trained as a row of ``experiments.ablation``; the finest needs nine times the
 operations of the coarsest. It needs a GPU, and so does ``--time`` at 256 pixels. It has not been
@@ -34,6 +36,7 @@ from experiments.efficiency_table import tera
 from experiments.flops import count_flops
 from experiments.markdown import markdown_table
 from experiments.measuring import Measurement, measure
+from experiments.reduced import INTERVAL_STUDY, Reduced, run_reduced
 from experiments.score_tables import format_score
 from experiments.training_rows import Row, Scores, Training, slug
 from occjax.errors import InputError
@@ -152,8 +155,9 @@ def figure(points: Sequence[Point]) -> Figure:
 
 def run(
     folder: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings.")
-    ],
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings."),
+    ] = None,
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
     intervals: Annotated[
         tuple[float, ...], tyro.conf.arg(help="Intervals, in pixels per view step.")
@@ -162,8 +166,14 @@ def run(
     size: Annotated[
         int, tyro.conf.arg(help="Height and width of the views for FLOPs and time, in pixels.")
     ] = 256,
+    reduced: Reduced = False,
 ) -> list[Point]:
     """Train or read every interval, print the table, draw the figure and return the points."""
+    if reduced:
+        print(run_reduced(folder, [INTERVAL_STUDY], training, "interval_study"))
+        return []
+    if folder is None:
+        raise InputError("name the folder of the trainings, or pass --reduced")
     repeats = 10
     if training.small:
         size, repeats = 32, 1
