@@ -116,14 +116,14 @@ class ReducedConfig:
             widths=(4, 8, 8, 8), blocks=(1, 1, 1, 1), pooled=(2, 4), fused=8
         )
     )
-    aggregation: AggregationConfig = field(default_factory=lambda: AggregationConfig(12, pairs=1))
+    aggregation: AggregationConfig = field(default_factory=lambda: AggregationConfig(8, pairs=1))
     attention_width: int = 24
     train_count: int = 400
     held_out_count: int = 200
     image_size: int = 48
     patch: int = 24
     batch_size: int = 4
-    steps: int = 600
+    steps: int = 800
     data_seed: int = 0
     optimiser: OptimiserConfig = field(
         default_factory=lambda: OptimiserConfig(
