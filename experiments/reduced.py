@@ -333,6 +333,7 @@ def train_and_score(
 
     Raises:
         InputError: If the folder contains other trainings, or a scene cannot be used.
+        KeyboardInterrupt: If interrupted or asked to terminate, after the state is saved.
     """
     # Trainings of one network with several seeds share their compiled programs.
     jax.config.update("jax_compilation_cache_dir", str((folder / "cache").resolve()))
@@ -347,8 +348,6 @@ def train_and_score(
         entries = read_entries(log)
         if not entries:
             entries = _train_row(name, seed, folder, config)
-            if entries is None:  # the process was asked to terminate
-                return
             _write_entries(log, entries)
         network = reduced_form(NETWORKS[name], config)
         done = {entry["scene"] for entry in entries if entry["kind"] == "scores"}
@@ -368,10 +367,8 @@ def train_and_score(
         tqdm.write(f"{log}: finished", file=sys.stderr)
 
 
-def _train_row(
-    name: str, seed: int, folder: Path, config: ReducedConfig
-) -> list[dict[str, Any]] | None:
-    """Train a row; return its first log entries, or None if it was interrupted."""
+def _train_row(name: str, seed: int, folder: Path, config: ReducedConfig) -> list[dict[str, Any]]:
+    """Train a row, or resume its training; return the first entries of its file."""
     recipe = row_recipe(name, seed, folder, config)
     where = folder / "trainings" / f"{name}-{seed}"
     trained = train(
@@ -382,8 +379,8 @@ def _train_row(
         data=asdict(recipe.data),
         say=lambda line: tqdm.write(f"{where.name}: {line}", file=sys.stderr),
     )
-    if not trained.finished:
-        return None
+    if not trained.finished:  # the process was asked to terminate, and has saved its state
+        raise KeyboardInterrupt
     row = {
         "kind": "row",
         "row": name,

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from experiments import ablation, reduced
+from experiments.networks import small_form
 from experiments.reduced import NETWORKS, QUESTIONS, ReducedConfig
 from experiments.training_rows import Training
 from occjax.data.pool import write_sample
 from occjax.data.samples import numpy_sample
 from occjax.errors import InputError
 from occjax.lightfield import view_offsets
+from occjax.models import AggregationConfig
+from tests.scenes import plane
 
 CONFIG = ReducedConfig(train_count=1, held_out_count=1, steps=2)
 
@@ -29,16 +32,26 @@ def write_log(folder, row, seed, *, everywhere, edges=50.0, config=CONFIG, scene
 
 
 @pytest.fixture
-def fakes(monkeypatch):
-    """Replace rendering, training and scoring; return the names of the trainings in order."""
-    started = []
+def pools(monkeypatch):
+    """Replace the rendering of light fields, whose compilation takes minutes."""
 
     def render(folder, count, scenes, seed):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "pool.json").write_text("{}")
-        views = np.zeros((5, 5, 8, 8), np.float32)
-        sample = numpy_sample(views, view_offsets(5, 5), views[2, 2])
-        write_sample(folder / "000000.npz", sample)
+        shape = (*scenes.grid, *scenes.image_size)
+        for number in range(count):
+            views = np.random.default_rng(number).random(shape, np.float32)
+            disparity = np.full(scenes.image_size, 0.5, np.float32)
+            sample = numpy_sample(views, view_offsets(*scenes.grid), disparity)
+            write_sample(folder / f"{number:06d}.npz", sample)
+
+    monkeypatch.setattr(reduced, "render_pool", render)
+
+
+@pytest.fixture
+def fakes(monkeypatch, pools):
+    """Replace training and scoring, too; return the names of the trainings in order."""
+    started = []
 
     def train(config, source, folder, **options):
         started.append(folder.name)
@@ -50,7 +63,6 @@ def fakes(monkeypatch):
     def scores(*_):
         return [{"kind": "scores", "scene": "procedural", "region": "all", "badpix_0.07": 3.0}]
 
-    monkeypatch.setattr(reduced, "render_pool", render)
     monkeypatch.setattr(reduced, "train", train)
     monkeypatch.setattr(reduced, "load_weights", lambda *_: [None])
     monkeypatch.setattr(reduced, "score_patches", scores)
@@ -59,7 +71,8 @@ def fakes(monkeypatch):
 
 def test_interrupted_queue_resumes_and_trains_no_finished_row_again(fakes, tmp_path):
     trainings = [("cas_1", 0), ("cas_2", 0), ("cas_1", 1)]
-    reduced.train_and_score(tmp_path, trainings, config=CONFIG)
+    with pytest.raises(KeyboardInterrupt):
+        reduced.train_and_score(tmp_path, trainings, config=CONFIG)
     assert fakes == ["cas_1-0", "cas_2-0"]
     assert not (tmp_path / "cas_2-0.jsonl").exists()
     first = (tmp_path / "cas_1-0.jsonl").read_text()
@@ -149,3 +162,32 @@ def test_scores_are_apart_near_edges_and_elsewhere():
     bad = {line["region"]: line["badpix_0.03"] for line in lines}
     assert bad == {"all": 60.0, "edges": 100.0, "elsewhere": 0.0}  # 12 of 20 columns
     assert [line["mse_x100"] for line in lines] == [0.15, 0.25, 0.0]
+
+
+@pytest.mark.slow
+def test_row_is_trained_and_scored_on_all_scenes(pools, tmp_path):
+    light_field = plane(grid=(3, 3), size=(20, 24))
+    scene = tmp_path / "plane.npz"
+    np.savez(scene, views=light_field.views, ground_truth=light_field.ground_truth)
+    config = ReducedConfig(
+        views=(3, 3),
+        features=small_form(NETWORKS["cas_1"]).features,
+        aggregation=AggregationConfig(4, pairs=0),
+        train_count=2,
+        held_out_count=2,
+        image_size=16,
+        patch=12,
+        batch_size=2,
+        steps=2,
+    )
+    folder = tmp_path / "runs"
+    reduced.train_and_score(folder, [("cas_2_occ_visibility", 0)], [scene], config)
+    lines = reduced.read_entries(folder / "cas_2_occ_visibility-0.jsonl")
+    # Visibility is known of procedural light fields only; these have no edges.
+    found = [(line["scene"], line["region"]) for line in lines if line["kind"] == "scores"]
+    assert found == [("procedural", "all"), ("procedural", "elsewhere")]
+    reduced.train_and_score(folder, [("cas_2_correlation", 0)], [], config)
+    reduced.train_and_score(folder, [("cas_2_correlation", 0)], [scene], config)
+    lines = reduced.read_entries(folder / "cas_2_correlation-0.jsonl")
+    scenes = {line["scene"] for line in lines if line["kind"] == "scores"}
+    assert scenes == {"procedural", "plane"}
