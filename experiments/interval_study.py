@@ -24,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from statistics import mean
 from typing import Annotated
 
 import tyro
@@ -36,7 +37,17 @@ from experiments.efficiency_table import tera
 from experiments.flops import count_flops
 from experiments.markdown import markdown_table
 from experiments.measuring import Measurement, measure
-from experiments.reduced import INTERVAL_STUDY, Reduced, run_reduced
+from experiments.reduced import (
+    INTERVAL_STUDY,
+    LOGS,
+    NETWORKS,
+    QUESTIONS,
+    Reduced,
+    ReducedConfig,
+    read_results,
+    reduced_form,
+    run_reduced,
+)
 from experiments.score_tables import format_score
 from experiments.training_rows import Row, Scores, Training, slug
 from occjax.errors import InputError
@@ -153,6 +164,22 @@ def figure(points: Sequence[Point]) -> Figure:
     return picture
 
 
+def reduced_points(folder: Path) -> list[Point]:
+    """Return the finished rows of the reduced study, with FLOPs and CPU time per megapixel."""
+    results = read_results(folder)
+    points = []
+    for name in QUESTIONS[INTERVAL_STUDY]:
+        if name in results:
+            row, network = results[name], reduced_form(NETWORKS[name], ReducedConfig())
+            scores = {
+                measure: mean(row.values("procedural", "all", measure))
+                for measure in ("badpix_0.07", "mse_x100")
+            }
+            measured = None if row.seconds is None else Measurement(row.seconds, 0)
+            points.append(Point(network, count_flops(network, (1000, 1000)), scores, measured))
+    return points
+
+
 def run(
     folder: Annotated[
         tyro.conf.Positional[Path | None],
@@ -171,7 +198,10 @@ def run(
     """Train or read every interval, print the table, draw the figure and return the points."""
     if reduced:
         print(run_reduced(folder, [INTERVAL_STUDY], training, "interval_study"))
-        return []
+        points = reduced_points(folder or LOGS)
+        if folder is not None and points:
+            save(figure(points), folder / "interval_study_cost.png")
+        return points
     if folder is None:
         raise InputError("name the folder of the trainings, or pass --reduced")
     repeats = 10

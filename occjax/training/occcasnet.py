@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -87,7 +88,7 @@ class OccCasNetTask:
 
         return jax.vmap(apply_to_one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
 
-    def truth_arguments(self, sample: LightFieldSample) -> dict[str, Array]:
+    def truth_arguments(self, sample: LightFieldSample) -> dict[str, Any]:
         """Return the keyword arguments of networks that know the true disparity or visibility."""
         known = {}
         if self.network.needs_ground_truth:

@@ -115,13 +115,13 @@ def test_table_compares_with_the_first_row_and_the_paper(tmp_path):
     assert spread == pytest.approx(1.0)
     table = reduced.question_table(results, "cascade at equal cost", "procedural")
     lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
-    assert lines[1][:5] == ["`cas_2`", "3", "2.00 G", "1.00 ± 0.00", "9.00 ± 1.00"]
-    assert [line[8] for line in lines] == ["50.00 ± 0.00"] * 4  # at edges
-    assert [line[10:] for line in lines] == [
+    assert lines[1][:6] == ["`cas_2`", "3", "2.00 G", "", "1.00 ± 0.00", "9.00 ± 1.00"]
+    assert [line[9] for line in lines] == ["50.00 ± 0.00"] * 4  # at edges
+    assert [line[11:] for line in lines] == [
         ["", "2.804", "", ""],
-        ["lower", "2.511", "lower", "yes"],
-        ["none", "2.704", "lower", "none"],
-        ["higher", "2.650", "lower", "no"],
+        ["lower, none, none", "2.511", "lower", "yes"],
+        ["none, none, none", "2.704", "lower", "none"],
+        ["higher, none, none", "2.650", "lower", "no"],
     ]
     assert reduced.question_table(results, "cascade at equal cost", "antinous") is None
 
@@ -144,6 +144,21 @@ def test_rows_of_different_settings_are_not_compared(tmp_path):
     write_log(tmp_path, "cas_2", 0, everywhere=8.0, config=ReducedConfig(steps=9))
     with pytest.raises(InputError, match="different settings"):
         reduced.read_results(tmp_path)
+
+
+def test_order_at_half_of_the_steps_is_compared_with_the_end(tmp_path):
+    halves = {"cas_1": (30.0, 20.0), "cas_2": (28.0, 10.0), "cas_3": (20.0, 15.0)}
+    for row, (half, full) in halves.items():
+        write_log(tmp_path, row, 0, everywhere=8.0)
+        lines = [
+            {"kind": "train", "step": step, "badpix": bad}
+            for step, bad in ((30, 99.0), (50, half), (80, 99.0), (100, full))
+        ]
+        with (tmp_path / f"{row}-0.jsonl").open("a") as file:
+            file.writelines(json.dumps(line) + "\n" for line in lines)
+    text = reduced.order_stability(reduced.read_results(tmp_path))
+    # Ranks 3 2 1 and 3 1 2: a correlation of 0.5.
+    assert "falls from 26.0 to 15.0; the rank correlation of the 3 rows is 0.50." in text
 
 
 def test_a_set_without_all_its_scenes_has_no_scores(tmp_path):
