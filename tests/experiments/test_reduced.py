@@ -179,6 +179,28 @@ def test_scores_are_apart_near_edges_and_elsewhere():
     assert [line["mse_x100"] for line in lines] == [0.15, 0.25, 0.0]
 
 
+def test_patches_are_scored_without_their_border(monkeypatch):
+    class Constant:
+        """Network whose disparity is 0.05 everywhere."""
+
+        def __init__(self, config):
+            pass
+
+        def apply(self, variables, views):
+            return [SimpleNamespace(disparity=0.0 * views[2, 2] + 0.05)]
+
+    monkeypatch.setattr(reduced, "OccCasNet", Constant)
+    views = np.zeros((2, 5, 5, 16, 16), np.float32)
+    truth = np.full((2, 16, 16), 9.0, np.float32)
+    truth[:, 2:-2, 2:-2] = 0.0  # the border is an eighth of the size
+    samples = numpy_sample(views, np.zeros((2, 5, 5, 2), np.float32), truth)
+    network = reduced.reduced_form(NETWORKS["cas_2"], CONFIG)
+    *lines, timing = reduced.score_patches({}, network, samples, CONFIG)
+    assert [line["region"] for line in lines] == ["all", "edges"]  # all is near the border
+    assert [line["mse_x100"] for line in lines] == [0.25] * 2
+    assert timing["seconds_per_megapixel"] >= 0.0
+
+
 @pytest.mark.slow
 def test_row_is_trained_and_scored_on_all_scenes(pools, tmp_path):
     light_field = plane(grid=(3, 3), size=(20, 24))
