@@ -3,7 +3,9 @@
     python -m experiments.ablation runs/table3 --data HCI/additional --validate HCI/training/*
     python -m experiments.ablation runs/table3 --recipe full         (procedural light fields)
     python -m experiments.ablation runs/table3 --show                (finished rows, no training)
-    python -m experiments.ablation FOLDER --small                    (minutes)
+    python -m experiments.ablation FOLDER --small                    (a smoke test, minutes)
+    python -m experiments.ablation --reduced                         (committed tables, seconds)
+    python -m experiments.ablation FOLDER --reduced --validate SCENE...         (hours on a CPU)
 
 Cost: a row of the ``published`` recipe takes 480,000 steps of 32 patches, a week on an RTX 3090
 according to the paper; ``full`` takes 20,000 steps on procedural light fields. Both need a GPU, and
@@ -37,8 +39,10 @@ from experiments.efficiency_table import mega, tera
 from experiments.flops import count_flops, count_parameters
 from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
+from experiments.reduced import INTERVAL_STUDY, QUESTIONS, Reduced, run_reduced
 from experiments.training_rows import Row, Scores, Training, select_rows
 from occjax.cli.options import option
+from occjax.errors import InputError
 from occjax.models import preset
 
 ROWS: Mapping[str, Row] = MappingProxyType(
@@ -95,12 +99,20 @@ def table(results: Mapping[str, Scores]) -> str:
 
 def run(
     folder: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings.")
-    ],
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings."),
+    ] = None,
     rows: Annotated[tuple[str, ...], option("Rows to train; by default all.", "ROW...")] = (),
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
+    reduced: Reduced = False,
 ) -> dict[str, Scores]:
     """Train the rows, print the table and return the scores by row."""
+    if reduced:
+        questions = [name for name in QUESTIONS if name != INTERVAL_STUDY]
+        print(run_reduced(folder, questions, training, "ablation", rows))
+        return {}
+    if folder is None:
+        raise InputError("name the folder of the trainings, or pass --reduced")
     results = training.scores(training.sized(select_rows(rows, ROWS)), folder)
     print(table(results))
     return results

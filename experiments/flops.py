@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 from occjax.errors import InputError
 from occjax.models import FeatureConfig, OccCasNetConfig, StageConfig
+from occjax.models.occcasnet.config import CORRELATION_GROUPS
 
 
 class Layer(NamedTuple):
@@ -173,9 +174,12 @@ def _stage(
 ) -> Iterator[Layer]:
     """Yield the layers of a stage's attention and aggregation; ``part`` numbers its weights."""
     grid = config.views
-    # Either mean and variance over the views, or the features of each view.
-    planes = 2 if stage.volume == "statistics" else prod(grid)
-    depth = planes * config.features.channels
+    # Channels of the volume: mean and variance over the views, their correlation in groups of
+    # channels, or the features of each view.
+    channels = config.features.channels
+    depth = {"statistics": 2 * channels, "correlation": CORRELATION_GROUPS}.get(
+        stage.volume, prod(grid) * channels
+    )
     shape = (len(stage.candidates), *image_size)
     if stage.attention:
         side, hidden = grid[0] // 2 + 1, config.attention_width

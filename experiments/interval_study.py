@@ -3,7 +3,9 @@
     python -m experiments.interval_study FOLDER --data HCI/additional --validate HCI/training/*
     python -m experiments.interval_study FOLDER --recipe full        (procedural light fields)
     python -m experiments.interval_study FOLDER --show --time        (finished rows, no training)
-    python -m experiments.interval_study FOLDER --small              (minutes)
+    python -m experiments.interval_study FOLDER --small              (a smoke test, minutes)
+    python -m experiments.interval_study --reduced                   (committed table, seconds)
+    python -m experiments.interval_study FOLDER --reduced --validate SCENE...   (hours on a CPU)
 
 Cost: each interval is trained as a row of ``experiments.ablation``; the finest needs nine times the
 operations of the coarsest. It needs a GPU, and so does ``--time`` at 256 pixels. It has not been
@@ -22,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from statistics import mean
 from typing import Annotated
 
 import tyro
@@ -34,6 +37,17 @@ from experiments.efficiency_table import tera
 from experiments.flops import count_flops
 from experiments.markdown import markdown_table
 from experiments.measuring import Measurement, measure
+from experiments.reduced import (
+    INTERVAL_STUDY,
+    LOGS,
+    NETWORKS,
+    QUESTIONS,
+    Reduced,
+    ReducedConfig,
+    read_results,
+    reduced_form,
+    run_reduced,
+)
 from experiments.score_tables import format_score
 from experiments.training_rows import Row, Scores, Training, slug
 from occjax.errors import InputError
@@ -150,10 +164,27 @@ def figure(points: Sequence[Point]) -> Figure:
     return picture
 
 
+def reduced_points(folder: Path) -> list[Point]:
+    """Return the finished rows of the reduced study, with FLOPs and CPU time per megapixel."""
+    results = read_results(folder)
+    points = []
+    for name in QUESTIONS[INTERVAL_STUDY]:
+        if name in results:
+            row, network = results[name], reduced_form(NETWORKS[name], ReducedConfig())
+            scores = {
+                measure: mean(row.values("procedural", "all", measure))
+                for measure in ("badpix_0.07", "mse_x100")
+            }
+            measured = None if row.seconds is None else Measurement(row.seconds, 0)
+            points.append(Point(network, count_flops(network, (1000, 1000)), scores, measured))
+    return points
+
+
 def run(
     folder: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings.")
-    ],
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(metavar="FOLDER", help="Folder of all trainings."),
+    ] = None,
     training: tyro.conf.OmitArgPrefixes[Training] = Training(),
     intervals: Annotated[
         tuple[float, ...], tyro.conf.arg(help="Intervals, in pixels per view step.")
@@ -162,8 +193,17 @@ def run(
     size: Annotated[
         int, tyro.conf.arg(help="Height and width of the views for FLOPs and time, in pixels.")
     ] = 256,
+    reduced: Reduced = False,
 ) -> list[Point]:
     """Train or read every interval, print the table, draw the figure and return the points."""
+    if reduced:
+        print(run_reduced(folder, [INTERVAL_STUDY], training, "interval_study"))
+        points = reduced_points(folder or LOGS)
+        if folder is not None and points:
+            save(figure(points), folder / "interval_study_cost.png")
+        return points
+    if folder is None:
+        raise InputError("name the folder of the trainings, or pass --reduced")
     repeats = 10
     if training.small:
         size, repeats = 32, 1

@@ -84,6 +84,11 @@ class OccCasNetEstimator:
             if disparity_range is not None:
                 raise InputError(f"{message}; use the model proposal, which takes any range")
             notes.append(message)
+        if self.config.needs_visibility:
+            raise InputError(
+                f"{light_field.name}: the network takes the exact visibility of every view, which "
+                "light fields do not have; use another model"
+            )
         truth = light_field.ground_truth if self.config.needs_ground_truth else None
         if truth is not None:  # a missing value would spread through the convolutions
             truth = np.where(np.isfinite(truth), truth, np.float32(0.0))

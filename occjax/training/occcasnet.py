@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -43,8 +44,9 @@ class OccCasNetTask:
 
     def init(self, key: Array, example: LightFieldSample) -> dict:
         """Return random variables."""
-        truth = self._ground_truth(example)
-        return dict(OccCasNet(self.network).init(key, example.views, ground_truth=truth))
+        return dict(
+            OccCasNet(self.network).init(key, example.views, **self.truth_arguments(example))
+        )
 
     def errors(
         self, params: dict, batch_stats: dict, batch: LightFieldSample
@@ -79,18 +81,21 @@ class OccCasNetTask:
                 {"params": params, "batch_stats": batch_stats},
                 sample.views,
                 train=True,
-                ground_truth=self._ground_truth(sample),
+                **self.truth_arguments(sample),
                 mutable=["batch_stats"],
             )
             return outputs, changed.get("batch_stats", {})
 
         return jax.vmap(apply_to_one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
 
-    def _ground_truth(self, sample: LightFieldSample) -> Float[Array, "h w"] | None:
-        """Return the ground truth for networks that compute occlusion maps from it."""
-        if not self.network.needs_ground_truth:
-            return None
-        return jnp.where(sample.valid, sample.disparity, 0.0)
+    def truth_arguments(self, sample: LightFieldSample) -> dict[str, Any]:
+        """Return the keyword arguments of networks that know the true disparity or visibility."""
+        known = {}
+        if self.network.needs_ground_truth:
+            known["ground_truth"] = jnp.where(sample.valid, sample.disparity, 0.0)
+        if self.network.needs_visibility:
+            known["visibility"] = sample.visibility
+        return known
 
 
 def cascade_loss(

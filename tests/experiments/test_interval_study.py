@@ -1,6 +1,7 @@
 """Cost of the intervals, their training in a smoke test, and the figure."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from experiments import interval_study
 from experiments.flops import count_flops
 from experiments.interval_study import Point, figure, with_interval
 from experiments.measuring import Measurement
+from experiments.reduced import MEASURES
 from experiments.training_rows import Training
 from occjax.errors import InputError
 from tests.scenes import plane
@@ -62,6 +64,19 @@ def test_figure_has_a_panel_for_each_known_measure():
     assert [axes.lines[0].get_ydata()[-1] for axes in panels] == (
         [2.0, 1.0, pytest.approx(6.21e12, abs=0.005e12), 0.5]
     )
+
+
+def test_reduced_study_plots_the_finished_rows(tmp_path, capsys):
+    lines = [{"kind": "row", "row": "cas_1", "multiply_adds": 1, "config": {}}]
+    scores = dict.fromkeys(MEASURES, 4.0)
+    lines += [{"kind": "scores", "scene": "procedural", "region": "all", **scores}]
+    lines += [{"kind": "time", "seconds_per_megapixel": 2.5}]
+    (tmp_path / "cas_1-0.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (point,) = interval_study.run(tmp_path, Training(show=True), reduced=True)
+    assert (point.candidates, point.interval, point.measured.seconds) == (9, 1.0, 2.5)
+    assert point.scores == {"badpix_0.07": 4.0, "mse_x100": 4.0}
+    assert "| `cas_1` | 1 |" in capsys.readouterr().out
+    assert (tmp_path / "interval_study_cost.png").stat().st_size > 0
 
 
 def test_interval_that_does_not_divide_the_range_is_rejected(tmp_path):

@@ -7,10 +7,13 @@ from typing import Any, Literal
 
 from occjax.errors import check_one_of
 
-OcclusionSource = Literal["none", "coarse", "ground_truth"]
-VolumeKind = Literal["concatenate", "statistics"]
+OcclusionSource = Literal["none", "coarse", "ground_truth", "visibility"]
+VolumeKind = Literal["concatenate", "statistics", "correlation"]
 Warp = Literal["correct", "transposed"]
 FeatureStatistics = Literal["pooled", "per_view"]
+
+CORRELATION_GROUPS = 4
+"""Groups of feature channels in a volume of correlations; must divide the number of channels."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +76,15 @@ class StageConfig:
             before, in pixels per view step; ascending.
         volume: ``"concatenate"`` concatenates the features of all views (eqs. 2, 3 and 8).
             ``"statistics"`` keeps their mean and variance over the views
-            (:func:`occjax.ops.mean_and_variance`); such a volume has no channels of single views
+            (:func:`occjax.ops.mean_and_variance`), ``"correlation"`` the mean correlation of the
+            views with the centre view, by groups of channels
+            (:func:`occjax.ops.group_correlation`); such volumes have no channels of single views
             to attend to.
         aggregation: Aggregation of the volume into a score for each candidate.
-        occlusion: Disparity that the occlusion weights are computed from: none (no weights), that
-            of the stage before (``"coarse"``), or the ground truth (the paper's upper bound).
+        occlusion: Source of the occlusion weights: none (no weights); photo-consistency at the
+            disparity of the stage before (``"coarse"``) or at the true disparity
+            (``"ground_truth"``, the paper's upper bound); or ``"visibility"``, weights of 1 and 0
+            from the exact visibility of procedural light fields, for training and study.
         attention: Whether channel attention weighs each view.
     """
 
@@ -94,9 +101,9 @@ class StageConfig:
             raise ValueError(f"candidates must be two or more, ascending, not {self.candidates}")
         check_one_of("volume", self.volume, VolumeKind)
         check_one_of("occlusion", self.occlusion, OcclusionSource)
-        if self.volume == "statistics" and self.attention:
+        if self.volume != "concatenate" and self.attention:
             raise ValueError(
-                "a volume of statistics has no channels of single views; set attention=False"
+                f"a volume of {self.volume} has no channels of single views; set attention=False"
             )
 
 
@@ -178,3 +185,8 @@ class OccCasNetConfig:
     def needs_ground_truth(self) -> bool:
         """Whether a stage computes its occlusion maps from the ground truth."""
         return any(stage.occlusion == "ground_truth" for stage in self.stages)
+
+    @property
+    def needs_visibility(self) -> bool:
+        """Whether a stage takes its occlusion maps from the exact visibility."""
+        return any(stage.occlusion == "visibility" for stage in self.stages)

@@ -9,17 +9,18 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from occjax.errors import InputError
 from occjax.lightfield import view_offsets
 from occjax.models.occcasnet.aggregation import Aggregation, ViewAttention
-from occjax.models.occcasnet.config import OccCasNetConfig
+from occjax.models.occcasnet.config import CORRELATION_GROUPS, OccCasNetConfig
 from occjax.models.occcasnet.features import FeatureNetwork
 from occjax.models.occcasnet.stages import StageOutput, regress_stage
 from occjax.ops import (
     coarse_volume,
     concatenate,
+    group_correlation,
     mean_and_variance,
     occlusion_maps,
     occlusion_weights,
@@ -29,7 +30,11 @@ from occjax.ops.sampling import as_images
 from occjax.ops.volume import Combine
 
 COMBINE: Mapping[str, Combine] = MappingProxyType(
-    {"concatenate": concatenate, "statistics": mean_and_variance}
+    {
+        "concatenate": concatenate,
+        "statistics": mean_and_variance,
+        "correlation": group_correlation(CORRELATION_GROUPS),
+    }
 )
 """Function that combines the registered views, by the kind of volume."""
 
@@ -76,6 +81,7 @@ class OccCasNet(nn.Module):
         train: bool = False,
         candidates: Float[Array, " d"] | None = None,
         ground_truth: Float[Array, "h w"] | None = None,
+        visibility: Bool[Array, "v u h w"] | None = None,
     ) -> tuple[StageOutput, ...]:
         """Estimate disparity, stage by stage.
 
@@ -86,13 +92,15 @@ class OccCasNet(nn.Module):
             candidates: ``[d]`` disparities of the first stage instead of the configured ones. With
                 trained weights, only shift them: the network has learned their interval.
             ground_truth: ``[h, w]`` disparity, needed if a stage has ``occlusion="ground_truth"``.
+            visibility: ``[v, u, h, w]`` whether each view sees the point of the centre view, needed
+                if a stage has ``occlusion="visibility"``.
 
         Returns:
             One :class:`StageOutput` per stage; the last one is the result.
 
         Raises:
             InputError: If the grid is not the configured one.
-            ValueError: If the ground truth is missing.
+            ValueError: If the ground truth or the visibility is missing.
         """
         self.check_grid(views)
         features = self.extract(views, train=train)
@@ -102,7 +110,7 @@ class OccCasNet(nn.Module):
             values = jnp.asarray(stage.candidates, jnp.float32)
             if before is None and candidates is not None:
                 values = candidates
-            maps = self.occlusion(index, views, before, ground_truth)
+            maps = self.occlusion(index, views, before, ground_truth, visibility)
             volume = self.volume(index, features, values, before, maps)
             attention = self.attend(index, volume.mean((0, 1, 2), dtype=jnp.float32))
             scores = self.aggregate(index, volume, attention, train=train)
@@ -160,6 +168,7 @@ class OccCasNet(nn.Module):
         views: Float[Array, "v u h w"],
         before: Float[Array, "h w"] | None,
         ground_truth: Float[Array, "h w"] | None = None,
+        visibility: Bool[Array, "v u h w"] | None = None,
     ) -> Float[Array, "v u h w"] | None:
         """Compute the occlusion maps of a stage (eqs. 4 and 5).
 
@@ -168,16 +177,21 @@ class OccCasNet(nn.Module):
             views: ``[v, u, h, w]`` grey views in [0, 1].
             before: ``[h, w]`` disparity of the stage before.
             ground_truth: ``[h, w]`` disparity.
+            visibility: ``[v, u, h, w]`` whether each view sees the point of the centre view.
 
         Returns:
             ``[v, u, h, w]`` in [0, 1], or None if the stage uses no occlusion maps.
 
         Raises:
-            ValueError: If the stage needs the ground truth and it is missing.
+            ValueError: If the stage needs the ground truth or the visibility and it is missing.
         """
         source = self.config.stages[index].occlusion
         if source == "none":
             return None
+        if source == "visibility":
+            if visibility is None:
+                raise ValueError("this network needs the visibility of every view; pass it")
+            return 1.0 - visibility.astype(jnp.float32)
         disparity = ground_truth if source == "ground_truth" else before
         if disparity is None:
             raise ValueError("this network computes occlusion from the ground truth; pass it")
@@ -239,10 +253,15 @@ class OccCasNet(nn.Module):
 def variable_shapes(config: OccCasNetConfig) -> dict:
     """Return shapes and types of the network's variables without computing any."""
     views = jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32)
-    truth = jax.ShapeDtypeStruct((16, 16), jnp.float32)  # some networks take it
+    # Some networks take them.
+    truth = jax.ShapeDtypeStruct((16, 16), jnp.float32)
+    visibility = jax.ShapeDtypeStruct(views.shape, jnp.bool_)
     return jax.eval_shape(
-        lambda key, views, truth: OccCasNet(config).init(key, views, ground_truth=truth),
+        lambda key, views, truth, visibility: OccCasNet(config).init(
+            key, views, ground_truth=truth, visibility=visibility
+        ),
         jax.random.key(0),
         views,
         truth,
+        visibility,
     )

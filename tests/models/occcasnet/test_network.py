@@ -125,6 +125,17 @@ def test_candidates_are_an_argument(tiny_variables, tiny_views, outputs):
     assert moved.disparity.min() >= configured[0] + 1.5
 
 
+def test_exact_visibility_is_the_occlusion_map(tiny_variables, tiny_views):
+    first, second = TINY.config.stages
+    stages = (first, dataclasses.replace(second, occlusion="visibility"))
+    network, views = OccCasNet(dataclasses.replace(TINY.config, stages=stages)), tiny_views[0]
+    with pytest.raises(ValueError, match="visibility of every view"):
+        network.apply(tiny_variables, 1, views, None, method="occlusion")
+    visibility = views > 0.5
+    maps = network.apply(tiny_variables, 1, views, None, None, visibility, method="occlusion")
+    np.testing.assert_array_equal(maps, np.where(visibility, 0.0, 1.0))
+
+
 def test_ground_truth_occlusion_needs_and_uses_the_ground_truth(tiny_variables, tiny_views):
     first, second = TINY.config.stages
     stages = (first, dataclasses.replace(second, occlusion="ground_truth"))
