@@ -21,8 +21,8 @@ from occjax.data.bundled_sample import sample
 from occjax.io.mosaics import join_tiles
 from occjax.lightfield import LightField, to_unit_float, view_offsets
 
-TILE_STEP = 4
-"""Every fourth pixel of each view is in the picture of all views."""
+SHRINK = 4
+"""Factor by which the views are reduced in the picture of all views."""
 
 
 def plenoptic(light_field: LightField) -> LightField:
@@ -56,8 +56,8 @@ def gallery(
     output.mkdir(parents=True, exist_ok=True)
     for name, camera in CAMERAS.items():
         light_field = camera(sample())
-        tiles = join_tiles(light_field.views[:, :, ::TILE_STEP, ::TILE_STEP])
-        Image.fromarray(tiles).save(output / f"{name}_views.jpg", quality=85)
+        tiles = Image.fromarray(join_tiles(light_field.views))
+        tiles.reduce(SHRINK).save(output / f"{name}_views.jpg", quality=85)
         estimate = occjax.estimate(light_field)
         print(f"{name}:", *estimate.notes, sep="\n  ")
         with TemporaryDirectory() as folder:
