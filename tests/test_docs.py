@@ -1,9 +1,11 @@
 """The examples of the documentation run."""
 
+import json
 import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from occjax.lightfield import Calibration
 
@@ -50,4 +52,16 @@ def test_refocusing_examples_run_in_their_order():
 def test_every_page_is_in_the_navigation_of_the_site():
     navigation = (DOCS.parent / "mkdocs.yml").read_text("utf-8").partition("\nnav:")[2]
     listed = set(re.findall(r"[\w/-]+\.md", navigation))
-    assert listed == {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
+    # The page of a notebook is generated.
+    pages = {page.with_suffix(".md") for page in DOCS.rglob("*.ipynb")} | set(DOCS.rglob("*.md"))
+    assert listed == {page.relative_to(DOCS).as_posix() for page in pages}
+
+
+@pytest.mark.parametrize("path", sorted(DOCS.rglob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_are_stored_without_results(path):
+    notebook = json.loads(path.read_text("utf-8"))
+    assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert code
+    for cell in code:
+        assert (cell["outputs"], cell["execution_count"], cell["metadata"]) == ([], None, {})

@@ -148,8 +148,15 @@ def demo_command(
     output: Annotated[
         Path, arg(aliases=["-o"], metavar="FOLDER", help="Folder of the results.")
     ] = Path("occjax-demo"),
+    view: Annotated[
+        FlagCreatePairsOff[bool], arg(help="Then open the viewer (extra view).")
+    ] = False,
 ) -> int:
     """Estimate the bundled sample light field and compare it with its ground truth."""
+    if view:
+        from occjax.viewer.opening import check_viser
+
+        check_viser()
     from occjax.cli.running import command_line
     from occjax.cli.scenes import phase_reporter, report
     from occjax.data.bundled_sample import sample
@@ -171,4 +178,8 @@ def demo_command(
     options = output_options("all", None)
     outputs = write_outputs(estimate, light_field, output, options, command=command_line())
     print(report(light_field.name, estimate, outputs))
+    if view:
+        from occjax.cli.viewing import view_command
+
+        return view_command((output,))
     return 0

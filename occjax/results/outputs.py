@@ -280,7 +280,6 @@ def _write_comparison(
     if metrics is not None and light_field.ground_truth is not None:
         truth, border = light_field.ground_truth, metrics.border
         score = f"BadPix {BAD_PIXEL_THRESHOLD:g}: {metrics.badpix[BAD_PIXEL_THRESHOLD]:.2f} %"
-        score += f"   MSE x100: {metrics.mse_x100:.3f}"
     figure = comparison_figure(
         light_field.centre,
         estimate.disparity,

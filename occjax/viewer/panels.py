@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -307,7 +308,7 @@ class RefocusPanel:
             page.scene.light_field, frame_seconds=page.config.frame_seconds
         )
         low, high = page.scene.disparity_range
-        largest = self._refocuser.largest_aperture
+        largest = math.ceil(2.0 * self._refocuser.largest_aperture) / 2.0
         gui = page.server.gui
         gui.add_markdown(
             "Focus after the photo was taken: all views are shifted by the disparity of a plane "

@@ -198,8 +198,13 @@ def test_swapped_grid_causes_a_warning_and_a_note(run, scene, tmp_path):
 
 
 @pytest.mark.slow
-def test_demo_estimates_the_bundled_sample(run, tmp_path):
-    code, out, err = run("demo", "-o", tmp_path / "demo")
+def test_demo_estimates_the_bundled_sample_and_opens_the_viewer(run, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(
+        "occjax.cli.viewing.view_command", lambda results: opened.extend(results) or 0
+    )
+    code, out, err = run("demo", "-o", tmp_path / "demo", "--view")
+    assert opened == [tmp_path / "demo"]
     assert code == 0
     assert "warning" not in err
     assert "BadPix 0.07" in out
