@@ -33,6 +33,7 @@ from occjax.cli.running import collect_warnings, command_line, print_warning
 from occjax.cli.table import Row, row, stored_failures, write_table
 from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, run_estimator
+from occjax.estimators.driver import measured
 from occjax.estimators.protocol import DisparityRange
 from occjax.io.atomic import CannotWriteError, remove_remains
 from occjax.lightfield import LightField
@@ -53,11 +54,13 @@ class RunOptions:
         overwrite: Whether scenes that are complete with the same settings are estimated again.
         share: ``(index, count)``: this process estimates every ``count``-th scene from ``index``.
         frames_per_second: Rate of the video whose frames are the scenes; None if they are scenes.
+        view: ``(v, u)`` of the view that is estimated; None for the centre view.
     """
 
     overwrite: bool = False
     share: tuple[int, int] = (0, 1)
     frames_per_second: float | None = None
+    view: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         """Check the share and the rate."""
@@ -127,6 +130,7 @@ def estimate_scenes(
                 **dataclasses.asdict(options),
                 "save": sorted(options.save),
                 "disparity_range": disparity_range,
+                "view": run.view,
             },
         ),
         nested="/" in (view_order.pattern or ""),
@@ -166,6 +170,7 @@ def estimate_scenes(
             disparity_range,
             options,
             settings,
+            run.view,
             only_scene=len(names) == 1,
         )
         failed = pipelines.run()
@@ -210,12 +215,14 @@ class _Pipelines:
         disparity_range: DisparityRange | None,
         options: OutputOptions,
         settings: _Settings,
+        view: tuple[int, int] | None,
         *,
         only_scene: bool,
     ) -> None:
         self._names, self._folder, self._estimator = names, folder, estimator
         self._reader, self._camera, self._disparity_range = reader, camera, disparity_range
         self._options, self._settings, self._only_scene = options, settings, only_scene
+        self._view = view
         self._remaining, self._lock = iter(names), threading.Lock()
         self._stopped = threading.Event()
         self._cannot_write: CannotWriteError | None = None
@@ -321,6 +328,8 @@ class _Pipelines:
             light_field = self._reader(scene)
         calibration = self._camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
+        if self._view is not None:
+            light_field = measured(light_field).around(self._view)
         return ReadScene(light_field, settings, messages, time.perf_counter() - begin)
 
     def _finish(

@@ -54,6 +54,10 @@ class ProposalEstimator:
         usable = np.flatnonzero(brightness.usable)
         views = self.config.views if is_grid(offsets) else "all"
         selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
+        if light_field.view is not None:
+            rows, columns = light_field.grid
+            whole = view_offsets((rows + 1) // 2, (columns + 1) // 2).reshape(-1, 2)
+            selected = _padded(selected, len(select_view_indices(whole, views)))
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:
@@ -128,3 +132,21 @@ class ProposalEstimator:
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""
         return estimate_from_maps(self.name, self.weights, inputs, outputs)
+
+
+def _padded(selected: np.ndarray, count: int) -> np.ndarray:
+    """Repeat the centre view until there are so many views.
+
+    Around a view at the border of the grid, fewer views are selected than around the centre. Copies
+    of the centre view have no effect, and views of one light field share compiled programs.
+
+    Args:
+        selected: ``[k]`` indices of the selected views; the centre view is at ``k // 2``.
+        count: Number of views.
+
+    Returns:
+        ``[max(k, count)]`` indices; the centre view is in the middle again.
+    """
+    centre, missing = len(selected) // 2, max(count - len(selected), 0)
+    before = (len(selected) + missing) // 2 - centre
+    return np.pad(selected, (before, missing - before), constant_values=selected[centre])

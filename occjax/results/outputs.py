@@ -8,7 +8,7 @@
 ``standard_deviation.npy``  maps: standard deviation, ``[H, W]`` float32, pixels per view step
 ``depth.npy``               maps: ``[H, W]`` float32 metres, if the light field is calibrated
 ``ground_truth.npy``        maps: ``[H, W]`` float32 true disparity, if the light field has it
-``centre.png``              maps: centre view in 8 bits
+``centre.png``              maps: the view that was estimated, usually the centre view, in 8 bits
 ``disparity_picture.png``   pictures: disparity in colours; pixels without signal are grey
 ``confidence.png``          pictures: confidence in colours
 ``error.png``               pictures: signed error, if there is ground truth

@@ -94,4 +94,5 @@ def _stored_light_field(
         ground_truth=ground_truth,
         usable=usable,
         source=None if summary["source"] is None else Path(summary["source"]),
+        view=tuple(summary["view"]) if summary.get("view") else None,  # older folders have none
     )
