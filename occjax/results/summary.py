@@ -4,9 +4,9 @@
 ``scene``                     string, name of the light field
 ``source``                    string or null, file or folder it was read from, as it was given
 ``grid``                      [V, U], rows and columns of views
-``view``                      null, or [v, u], row and column of the view that was estimated, counted
-                              from 0, if it is not the centre view; ``grid`` then has 2 V - 1 rows
-                              and 2 U - 1 columns around it, in which other views are missing
+``view``                      null, or [v, u], the view that was estimated, counted from 0, if it is
+                              not the centre view; ``grid`` then has 2 V - 1 rows and 2 U - 1
+                              columns around it, in which other views are missing
 ``image_size``                [H, W], rows and columns of pixels
 ``calibration``               null, or {focal_length_mm, sensor_size_mm, baseline_mm,
                               focus_distance_m} as in :class:`occjax.lightfield.Calibration`; an
