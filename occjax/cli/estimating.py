@@ -63,6 +63,13 @@ def estimate_command(
             "V U",
         ),
     ] = None,
+    all_views: Annotated[
+        bool,
+        arg(
+            help="Estimate all views too, compare their maps, and write them and their common point "
+            "cloud: views.npz, views/ and views.ply."
+        ),
+    ] = False,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
     save: Annotated[
         str,
@@ -139,7 +146,7 @@ def estimate_command(
 
         check_report()
         options = dataclasses.replace(options, save=(*options.save, "occlusion"))
-    run = RunOptions(overwrite, share or (0, 1), fps if video else None, view)
+    run = RunOptions(overwrite, share or (0, 1), fps if video else None, view, all_views)
     if video:
         check_video(output / "disparity.mp4")
         if "maps" not in options.save:

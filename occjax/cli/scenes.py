@@ -32,8 +32,8 @@ from occjax.cli.resuming import complete_summary, estimator_settings, files_sha2
 from occjax.cli.running import collect_warnings, command_line, print_warning
 from occjax.cli.table import Row, row, stored_failures, write_table
 from occjax.errors import InputError
-from occjax.estimators import Estimate, Estimator, run_estimator
-from occjax.estimators.driver import measured
+from occjax.estimators import Estimate, Estimator, estimate_all_views, run_estimator
+from occjax.estimators.driver import ReportPhase, measured
 from occjax.estimators.protocol import DisparityRange
 from occjax.io.atomic import CannotWriteError, remove_remains
 from occjax.lightfield import LightField
@@ -55,15 +55,19 @@ class RunOptions:
         share: ``(index, count)``: this process estimates every ``count``-th scene from ``index``.
         frames_per_second: Rate of the video whose frames are the scenes; None if they are scenes.
         view: ``(v, u)`` of the view that is estimated; None for the centre view.
+        all_views: Whether the other views are estimated too.
     """
 
     overwrite: bool = False
     share: tuple[int, int] = (0, 1)
     frames_per_second: float | None = None
     view: tuple[int, int] | None = None
+    all_views: bool = False
 
     def __post_init__(self) -> None:
         """Check the share and the rate."""
+        if self.view is not None and self.all_views:
+            raise InputError("pass --view or --all-views, not both")
         index, count = self.share
         if not 0 <= index < count:
             raise InputError(
@@ -131,6 +135,7 @@ def estimate_scenes(
                 "save": sorted(options.save),
                 "disparity_range": disparity_range,
                 "view": run.view,
+                "all_views": run.all_views,
             },
         ),
         nested="/" in (view_order.pattern or ""),
@@ -170,7 +175,7 @@ def estimate_scenes(
             disparity_range,
             options,
             settings,
-            run.view,
+            run,
             only_scene=len(names) == 1,
         )
         failed = pipelines.run()
@@ -215,14 +220,14 @@ class _Pipelines:
         disparity_range: DisparityRange | None,
         options: OutputOptions,
         settings: _Settings,
-        view: tuple[int, int] | None,
+        run: RunOptions,
         *,
         only_scene: bool,
     ) -> None:
         self._names, self._folder, self._estimator = names, folder, estimator
         self._reader, self._camera, self._disparity_range = reader, camera, disparity_range
         self._options, self._settings, self._only_scene = options, settings, only_scene
-        self._view = view
+        self._view, self._all_views = run.view, run.all_views
         self._remaining, self._lock = iter(names), threading.Lock()
         self._stopped = threading.Event()
         self._cannot_write: CannotWriteError | None = None
@@ -300,6 +305,8 @@ class _Pipelines:
                             occlusion="occlusion" in self._options.save,
                             report_phase=report_phase,
                         )
+                        if self._all_views:
+                            estimate = self._with_all_views(estimate, light_field, report_phase)
                     estimate = dataclasses.replace(
                         estimate,
                         seconds={"load": seconds, **estimate.seconds},
@@ -318,6 +325,20 @@ class _Pipelines:
         finally:
             reading_thread.shutdown(cancel_futures=True)
             writing_thread.shutdown(cancel_futures=True)
+
+    def _with_all_views(
+        self, estimate: Estimate, light_field: LightField, report_phase: ReportPhase
+    ) -> Estimate:
+        """Add the maps of all views."""
+        begin = time.perf_counter()
+        views = estimate_all_views(
+            self._estimator,
+            light_field,
+            disparity_range=self._disparity_range,
+            report_phase=report_phase,
+        )
+        seconds = {**estimate.seconds, "all views": time.perf_counter() - begin}
+        return dataclasses.replace(estimate, views=views, seconds=seconds)
 
     def _read(self, scene: Path) -> ReadScene:
         """Read a scene."""

@@ -41,6 +41,7 @@ def estimate(
     precision: str = "float32",
     occlusion: bool = False,
     view: tuple[int, int] | None = None,
+    all_views: bool = False,
 ) -> Estimate:
     """Estimate the disparity of a light field's centre view, or of another view.
 
@@ -59,6 +60,8 @@ def estimate(
         occlusion: Whether to compute the occlusion map of every view.
         view: ``(v, u)``, row and column of the view whose disparity is estimated, counted from 0;
             None for the centre view.
+        all_views: Whether to estimate all views too and to compare their maps
+            (:func:`estimate_all_views`), as ``views`` of the result.
 
     Returns:
         The estimate, as NumPy arrays. Its light field is that around the view
@@ -78,11 +81,19 @@ def estimate(
         raise InputError(f"{light_field} is a path; pass occjax.load({str(light_field)!r})")
     if not isinstance(light_field, LightField):
         light_field = LightField(np.asarray(light_field))
+    if view is not None and all_views:
+        raise InputError("pass view or all_views, not both")
     if view is not None:
         light_field = measured(light_field).around(view)
     if model is None or isinstance(model, str):
         model = make_estimator(model, weights=weights, warp=warp, precision=precision)
-    return run_estimator(model, light_field, disparity_range=disparity_range, occlusion=occlusion)
+    result = run_estimator(model, light_field, disparity_range=disparity_range, occlusion=occlusion)
+    if not all_views:
+        return result
+    from occjax.estimators.all_views import estimate_all_views
+
+    views = estimate_all_views(model, light_field, disparity_range=disparity_range)
+    return dataclasses.replace(result, views=views)
 
 
 def measured(light_field: LightField) -> LightField:
