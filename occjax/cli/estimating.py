@@ -66,8 +66,8 @@ def estimate_command(
     all_views: Annotated[
         bool,
         arg(
-            help="Estimate all views too, compare their maps, and write them and their common point "
-            "cloud: views.npz, views/ and views.ply."
+            help="Estimate all views too, compare their maps, and write them and their common "
+            "point cloud: views.npz, views/ and views.ply."
         ),
     ] = False,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",

@@ -95,13 +95,13 @@ def estimate_all_views(
     low, high = min(low for low, _ in searched), max(high for _, high in searched)
     tolerance = config.tolerance * (high - low)
     # Displacements of badly rectified views are ignored: their maps keep their own pixels.
-    offsets = registered(light_field)[0].offsets
+    offsets = registered(light_field)[0].offsets.astype(np.float32)
 
     def compared() -> tuple[np.ndarray, np.ndarray]:
         agreeing, consistency = _compared(
             np.where(np.isnan(disparity), np.float32(0.0), disparity),
             np.float32(tolerance),
-            offsets.astype(np.float32),
+            offsets,
             usable,
             radius=config.radius,
         )
@@ -112,7 +112,7 @@ def estimate_all_views(
     filled = _fill(disparity, certain, consistency < config.min_consistency, offsets, usable)
     if filled.any():
         agreeing, consistency = compared()
-    return ViewMaps(disparity, confidence, consistency, agreeing, filled)
+    return ViewMaps(disparity, confidence, consistency, agreeing, filled, offsets)
 
 
 def _by_reach(usable: np.ndarray) -> list[tuple[int, int]]:

@@ -53,6 +53,8 @@ class ViewMaps(NamedTuple):
             it (:func:`occjax.ops.cross_view_counts`).
         agreeing: ``[V, U, H, W]`` int32 number of neighbouring views that confirm it.
         filled: ``[V, U, H, W]`` bool, pixels whose disparity is taken from other views.
+        offsets: ``[V, U, 2]`` float32 offset ``(row, column)`` of each view from the centre view,
+            in view steps, as declared or measured.
     """
 
     disparity: np.ndarray
@@ -60,6 +62,7 @@ class ViewMaps(NamedTuple):
     consistency: np.ndarray
     agreeing: np.ndarray
     filled: np.ndarray
+    offsets: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)

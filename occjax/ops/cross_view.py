@@ -82,7 +82,7 @@ def cross_view_difference(
 def cross_view_counts(
     disparity: Float[Array, "v u h w"],
     *,
-    tolerance: float,
+    tolerance: Float[Array, ""] | float,
     radius: int = 2,
     offsets: Float[Array | np.ndarray, "v u 2"] | None = None,
     usable: Bool[Array | np.ndarray, "v u"] | None = None,

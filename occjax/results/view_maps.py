@@ -3,7 +3,8 @@
 ==========================  ====================================================================
 ``views.npz``               ``disparity`` ``[V, U, H, W]`` float32, pixels per view step;
                             ``confidence`` and ``consistency`` float16 in [0, 1]; ``agreeing``
-                            uint8; ``filled`` bool: see :class:`occjax.estimators.ViewMaps`
+                            uint8; ``filled`` bool; ``offsets`` ``[V, U, 2]``: see
+                            :class:`occjax.estimators.ViewMaps`
 ``views/``                  ``disparity_VV_UU.pfm``: the disparity of each view
 ``views.ply``               coloured points that several views agree on, in the coordinates of the
                             centre view
@@ -21,7 +22,7 @@ from occjax.estimators.protocol import ViewMaps
 from occjax.io.files import decoding
 from occjax.io.pfm import write_pfm
 from occjax.io.ply import write_ply
-from occjax.lightfield import LightField, centre_index, project
+from occjax.lightfield import LightField, project
 from occjax.results.conversion import METRES, PIXELS, points_at
 from occjax.viz.pictures import view_picture
 
@@ -63,8 +64,9 @@ def fused_points(
         ``[N, 3]`` float64 points ``(y, x, d)`` and ``[N, 3]`` uint8 colours.
 
     Example:
+        >>> from occjax.lightfield import view_offsets
         >>> flat, ones = np.zeros((1, 3, 4, 5), np.float32), np.ones((1, 3, 4, 5))
-        >>> maps = ViewMaps(flat, ones, ones, 2 * ones.astype(int), ones > 1)
+        >>> maps = ViewMaps(flat, ones, ones, 2 * ones.astype(int), ones > 1, view_offsets(1, 3))
         >>> points, colours = fused_points(maps, LightField(np.zeros((1, 3, 4, 5), np.uint8)))
         >>> points.shape, colours.shape
         ((20, 3), (20, 3))
@@ -73,10 +75,10 @@ def fused_points(
     low, high = float(maps.disparity[known].min()), float(maps.disparity[known].max())
     step = max((high - low) / config.steps, 1e-6)
     needed = min(config.min_agreeing, int(maps.agreeing.max()))
-    offsets = light_field.offsets - light_field.offsets[centre_index(light_field.grid)]
+    offsets = maps.offsets
     order = np.argsort(np.square(offsets).sum(-1), axis=None, kind="stable")
     # Cells are numbered by row, column and depth; margins hold the cells of neighbours.
-    height, width = light_field.image_size
+    width = light_field.image_size[1]
     margin = int(np.ceil(np.abs(offsets).max() * max(abs(low), abs(high)))) + 1
     occupied = np.empty(0, np.int64)
     points, colours = [], []
@@ -124,6 +126,7 @@ def write_view_maps(maps: ViewMaps, light_field: LightField, folder: Path) -> No
         consistency=maps.consistency.astype(np.float16),
         agreeing=maps.agreeing.astype(np.uint8),
         filled=maps.filled,
+        offsets=maps.offsets,
     )
     (folder / FOLDER).mkdir()
     for v, u in np.argwhere(np.isfinite(maps.disparity).any((2, 3))):
@@ -148,10 +151,8 @@ def read_view_maps(folder: Path) -> ViewMaps | None:
     path = folder / ARRAYS
     if not path.is_file():
         return None
-    with (
-        decoding(path, "maps of all views", remedy="estimate again") as file,
-        np.load(file) as held,
-    ):
-        arrays = {name: held[name] for name in ViewMaps._fields}
+    with decoding(path, "maps of all views", remedy="estimate again") as file:
+        stored = np.load(file)
+        arrays = {name: stored[name] for name in ViewMaps._fields}
     arrays |= {name: arrays[name].astype(np.float32) for name in ("confidence", "consistency")}
     return ViewMaps(**arrays)

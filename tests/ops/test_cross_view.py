@@ -8,27 +8,16 @@ from jaxtyping import TypeCheckError
 
 from occjax.errors import InputError
 from occjax.ops import cross_view_counts, cross_view_difference
+from tests.scenes import two_plane_maps
 
 FAR, NEAR = 0, 2
 SIZE = 24
 
 
-def two_planes(view):
-    """Exact map of view (v, u): a square of the near plane in front of the far plane.
-
-    The centre view (0, 0) sees it in rows and columns 8 to 15; it moves by whole pixels.
-    """
-    disparity = np.full((SIZE, SIZE), FAR, np.float32)
-    top, left = (8 - NEAR * step for step in view)
-    disparity[top : top + 8, left : left + 8] = NEAR
-    return jnp.asarray(disparity)
-
-
 def test_two_planes_agree_except_where_the_near_one_hides_the_far_one():
     """Seen from one view to the right, the square has moved 2 columns to the left."""
-    difference = np.asarray(
-        cross_view_difference(two_planes((0, 0)), two_planes((0, 1)), np.array([0.0, 1.0]))
-    )
+    maps = jnp.asarray(two_plane_maps())
+    difference = np.asarray(cross_view_difference(maps[1, 1], maps[1, 2], np.array([0.0, 1.0])))
     expected = np.zeros((SIZE, SIZE))
     expected[8:16, 6:8] = NEAR - FAR
     np.testing.assert_array_equal(difference, expected)
@@ -42,7 +31,7 @@ def test_points_outside_of_the_other_image_have_no_difference():
 
 
 def test_counts_of_a_wrong_patch_are_those_of_pixels_compared_one_by_one():
-    maps = np.stack([[two_planes((v, u)) for u in (-1, 0, 1)] for v in (-1, 0, 1)])
+    maps = two_plane_maps()
     maps[1, 1, 1:4, 1:4] = 1.0  # nearer than what the other views see there: they conflict
     usable = np.ones((3, 3), bool)
     usable[0, 0] = False
