@@ -508,5 +508,7 @@ def report(name: str, estimate: Estimate, outputs: Outputs) -> str:
     lines += [f"  note: {note}" for note in outputs.notes]
     if outputs.metrics is not None:
         lines += [f"  {line}" for line in outputs.metrics.table().splitlines()]
-    lines.append(f"  written to {outputs.folder}: {', '.join(p.name for p in outputs.paths)}")
+    parts = (path.relative_to(outputs.folder).parts for path in outputs.paths)
+    names = dict.fromkeys(first + "/" * bool(rest) for first, *rest in parts)
+    lines.append(f"  written to {outputs.folder}: {', '.join(names)}")
     return "\n".join(lines)

@@ -112,7 +112,7 @@ def estimate_all_views(
     filled = _fill(disparity, certain, consistency < config.min_consistency, offsets, usable)
     if filled.any():
         agreeing, consistency = compared()
-    return ViewMaps(disparity, confidence, consistency, agreeing, filled, offsets)
+    return ViewMaps(disparity, confidence, consistency, agreeing, filled, offsets, tolerance)
 
 
 def _by_reach(usable: np.ndarray) -> list[tuple[int, int]]:

@@ -55,6 +55,7 @@ class ViewMaps(NamedTuple):
         filled: ``[V, U, H, W]`` bool, pixels whose disparity is taken from other views.
         offsets: ``[V, U, 2]`` float32 offset ``(row, column)`` of each view from the centre view,
             in view steps, as declared or measured.
+        tolerance: Largest difference of disparities that confirm each other, pixels per view step.
     """
 
     disparity: np.ndarray
@@ -63,6 +64,7 @@ class ViewMaps(NamedTuple):
     agreeing: np.ndarray
     filled: np.ndarray
     offsets: np.ndarray
+    tolerance: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)

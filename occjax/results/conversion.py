@@ -126,9 +126,9 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
         return PointCloud(in_double(back_project, depth.values, calibration), METRES)
     if content.quantity == "depth":
         raise InputError("points of a depth map need the camera's focal length; pass a calibration")
-    y, x = np.indices(content.values.shape).astype(np.float64)
     values = np.asarray(content.values, np.float64)
-    return PointCloud(points_at(y, x, values, None, values.shape), PIXELS)
+    pixels = np.indices(values.shape).astype(np.float64)
+    return PointCloud(points_at(pixels[0], pixels[1], values, None, values.shape), PIXELS)
 
 
 def points_at(

@@ -3,7 +3,7 @@
 ==========================  ====================================================================
 ``views.npz``               ``disparity`` ``[V, U, H, W]`` float32, pixels per view step;
                             ``confidence`` and ``consistency`` float16 in [0, 1]; ``agreeing``
-                            uint8; ``filled`` bool; ``offsets`` ``[V, U, 2]``: see
+                            uint8; ``filled`` bool; ``offsets`` ``[V, U, 2]``; ``tolerance``: see
                             :class:`occjax.estimators.ViewMaps`
 ``views/``                  ``disparity_VV_UU.pfm``: the disparity of each view
 ``views.ply``               coloured points that several views agree on, in the coordinates of the
@@ -38,12 +38,10 @@ class FusionConfig:
         min_agreeing: Number of other views that must confirm a point; less on grids that have fewer
             views.
         min_consistency: Consistency below which a point is an outlier.
-        steps: Number of steps into which the range of disparities is divided for thinning.
     """
 
     min_agreeing: int = 3
     min_consistency: float = 0.75
-    steps: int = 64
 
 
 def fused_points(
@@ -52,8 +50,9 @@ def fused_points(
     """Fuse the maps of all views into one cloud, without outliers and duplicates.
 
     A point has the coordinates ``(y, x, d)``: where the centre view would see it, and its
-    disparity. Of all points in one cell, a pixel wide and a step of disparity deep, that of the
-    view nearest to the centre is kept, and none next to a point of another view in depth.
+    disparity. Of all points in one cell, a pixel wide and as deep as the tolerance of the maps, the
+    one of the view nearest to the centre is kept, unless the cell in front of it or behind it has a
+    point of another view.
 
     Args:
         maps: Maps of all views.
@@ -66,14 +65,15 @@ def fused_points(
     Example:
         >>> from occjax.lightfield import view_offsets
         >>> flat, ones = np.zeros((1, 3, 4, 5), np.float32), np.ones((1, 3, 4, 5))
-        >>> maps = ViewMaps(flat, ones, ones, 2 * ones.astype(int), ones > 1, view_offsets(1, 3))
+        >>> agreeing, offsets = 2 * ones.astype(int), view_offsets(1, 3)
+        >>> maps = ViewMaps(flat, ones, ones, agreeing, ones > 1, offsets, tolerance=0.1)
         >>> points, colours = fused_points(maps, LightField(np.zeros((1, 3, 4, 5), np.uint8)))
         >>> points.shape, colours.shape
         ((20, 3), (20, 3))
     """
     known = np.isfinite(maps.disparity)
     low, high = float(maps.disparity[known].min()), float(maps.disparity[known].max())
-    step = max((high - low) / config.steps, 1e-6)
+    steps = int((high - low) / maps.tolerance) + 4
     needed = min(config.min_agreeing, int(maps.agreeing.max()))
     offsets = maps.offsets
     order = np.argsort(np.square(offsets).sum(-1), axis=None, kind="stable")
@@ -89,8 +89,8 @@ def fused_points(
         d = maps.disparity[view][kept].astype(np.float64)
         row, column = project(y, x, d, -offsets[view])
         cell = (np.rint(row).astype(np.int64) + margin) * (width + 2 * margin)
-        cell = (cell + np.rint(column).astype(np.int64) + margin) * (config.steps + 3)
-        cell += np.rint((d - low) / step).astype(np.int64) + 1
+        cell = (cell + np.rint(column).astype(np.int64) + margin) * steps
+        cell += np.rint((d - low) / maps.tolerance).astype(np.int64) + 1
         new = ~(_is_in(cell, occupied) | _is_in(cell - 1, occupied) | _is_in(cell + 1, occupied))
         _, first = np.unique(cell[new], return_index=True)
         chosen = np.flatnonzero(new)[first]
@@ -127,13 +127,15 @@ def write_view_maps(maps: ViewMaps, light_field: LightField, folder: Path) -> No
         agreeing=maps.agreeing.astype(np.uint8),
         filled=maps.filled,
         offsets=maps.offsets,
+        tolerance=maps.tolerance,
     )
     (folder / FOLDER).mkdir()
     for v, u in np.argwhere(np.isfinite(maps.disparity).any((2, 3))):
         write_pfm(folder / FOLDER / f"disparity_{v:02}_{u:02}.pfm", maps.disparity[v, u])
     points, colours = fused_points(maps, light_field)
     calibration = light_field.calibration
-    cloud = points_at(*points.T, calibration, light_field.image_size)
+    y, x, d = (points[:, axis] for axis in range(3))
+    cloud = points_at(y, x, d, calibration, light_field.image_size)
     finite = np.isfinite(cloud).all(-1)
     comment = PIXELS if calibration is None else METRES
     write_ply(folder / CLOUD, cloud[finite], colours[finite], comment=comment)
@@ -155,4 +157,4 @@ def read_view_maps(folder: Path) -> ViewMaps | None:
         stored = np.load(file)
         arrays = {name: stored[name] for name in ViewMaps._fields}
     arrays |= {name: arrays[name].astype(np.float32) for name in ("confidence", "consistency")}
-    return ViewMaps(**arrays)
+    return ViewMaps(**arrays | {"tolerance": float(arrays["tolerance"])})

@@ -16,7 +16,7 @@ def test_the_cloud_has_each_confirmed_point_once_and_no_outlier():
     disparity[0, 0, 20, 20] = 1.0  # an outlier, which no view confirms
     agreeing[0, 0, 20, 20] = 0
     consistency[2, 2, 0, :] = 0.5  # contradicted by half of the views
-    maps = ViewMaps(disparity, consistency, consistency, agreeing, agreeing < 0, offsets)
+    maps = ViewMaps(disparity, consistency, consistency, agreeing, agreeing < 0, offsets, 0.1)
     views = np.broadcast_to(np.arange(9, dtype=np.uint8).reshape(3, 3, 1, 1, 1), (3, 3, 24, 24, 3))
     points, colours = fused_points(maps, LightField(views))
     expected = {}

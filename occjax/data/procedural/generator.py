@@ -69,7 +69,8 @@ def true_disparities(key: Key, config: SceneConfig = SceneConfig()) -> Float[Arr
 
     Returns:
         ``[v, u, h, w]`` disparity of the ray through the middle of each pixel of each view, in
-        pixels per view step. That of the centre view is ``generate(key, config).disparity``.
+        pixels per view step. That of the centre view is ``generate(key, config).disparity``, up to
+        rounding.
 
     Example:
         >>> config = SceneConfig(image_size=(16, 24), grid=(3, 3), views="all", sheets=2, solids=1)
