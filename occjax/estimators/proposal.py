@@ -50,13 +50,19 @@ class ProposalEstimator:
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         offsets = np.asarray(light_field.offsets, np.float32)
+        compared, whole_grid = brightness.usable, None
+        if light_field.view is not None:
+            whole_grid = tuple((size + 1) // 2 for size in light_field.grid)
+            # Around a view at the border all others are on one side, and from the furthest of them
+            # most of what is behind depth edges is hidden.
+            reach = max(self.config.reach, *(size // 2 for size in whole_grid))
+            compared = compared & (np.abs(grid_offsets).max(axis=-1) <= reach)
+        usable = np.flatnonzero(compared)
         # The arrangement refers to the places of a grid; irregular views are all used.
-        usable = np.flatnonzero(brightness.usable)
         views = self.config.views if is_grid(offsets) else "all"
         selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
-        if light_field.view is not None:
-            rows, columns = light_field.grid
-            whole = view_offsets((rows + 1) // 2, (columns + 1) // 2).reshape(-1, 2)
+        if whole_grid is not None:
+            whole = view_offsets(*whole_grid).reshape(-1, 2)
             selected = _padded(selected, len(select_view_indices(whole, views)))
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
