@@ -74,6 +74,55 @@ def view_offsets(v: int, u: int, *, column_spacing: float = 1.0) -> np.ndarray:
     return offsets * np.array([1.0, column_spacing], np.float32)
 
 
+def grid_around(grid: np.ndarray, view: tuple[int, int], *, missing: Any = 0) -> np.ndarray:
+    """Return an array with one entry per view, with another view in the centre.
+
+    Args:
+        grid: ``[V, U, ...]``, one entry for each view.
+        view: ``(v, u)``, index of the view that becomes the centre.
+        missing: Entry of the places outside of the grid, or ``[2 V - 1, 2 U - 1, ...]`` entries of
+            all places.
+
+    Returns:
+        ``[2 V - 1, 2 U - 1, ...]``, a grid of one size for all views.
+
+    Example:
+        >>> grid_around(np.arange(4).reshape(2, 2), (0, 1), missing=-1).tolist()
+        [[-1, -1, -1], [0, 1, -1], [2, 3, -1]]
+    """
+    rows, columns = grid.shape[:2]
+    # Memory of zeros that are never written is not used.
+    result = np.zeros((2 * rows - 1, 2 * columns - 1, *grid.shape[2:]), grid.dtype)
+    if np.any(missing):
+        result[...] = missing
+    top, left = rows - 1 - view[0], columns - 1 - view[1]
+    result[top : top + rows, left : left + columns] = grid
+    return result
+
+
+def positions_around(positions: np.ndarray, view: tuple[int, int]) -> np.ndarray:
+    """Return camera positions relative to another view, in the grid of :func:`grid_around`.
+
+    Args:
+        positions: ``[V, U, 2]`` positions ``(row, column)`` of any origin.
+        view: ``(v, u)``, index of the view that becomes the centre.
+
+    Returns:
+        ``[2 V - 1, 2 U - 1, 2]`` float32; places outside of the grid continue it.
+
+    Example:
+        >>> positions_around(2 * view_offsets(1, 3), (0, 2))[0, :, 1].tolist()
+        [-4.0, -2.0, 0.0, 2.0, 4.0]
+    """
+    rows, columns = positions.shape[:2]
+    relative = (positions - positions[view]).astype(np.float32)
+    centred = relative - relative[centre_index((rows, columns))]
+    places = view_offsets(rows, columns).reshape(-1, 2)
+    step = np.linalg.lstsq(places, centred.reshape(-1, 2))[0]
+    regular = view_offsets(2 * rows - 1, 2 * columns - 1) @ step
+    return grid_around(relative, view, missing=regular)
+
+
 def project(y: Any, x: Any, disparity: Any, offset: Any) -> tuple[Any, Any]:
     """Project points of the centre view into another view.
 
@@ -191,6 +240,8 @@ class LightField:
         source: Where the light field was read from.
         view_order_report: Measurement of the view order and the disparity range, if it was made.
             Set it to None when you replace the views.
+        view: ``(v, u)``, index of the centre view in the light field that :meth:`around` has taken
+            the views from; None if this is the whole light field.
     """
 
     views: np.ndarray
@@ -202,6 +253,7 @@ class LightField:
     usable: np.ndarray | None = None
     source: Path | None = None
     view_order_report: Any = None
+    view: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         """Add the channel axis of grey views; check shapes, types and values."""
@@ -310,6 +362,57 @@ class LightField:
             positions=positions,
             usable=usable,
             view_order_report=None,
+        )
+
+    def around(self, view: tuple[int, int]) -> LightField:
+        """Return the views around another view, which becomes the centre view.
+
+        Everything that is computed from the result belongs to that view: its disparity map, with
+        offsets, brightness and displacements of the other views relative to it. The disparity of a
+        point is the same in all views.
+
+        The new grid has ``2 V - 1`` rows and ``2 U - 1`` columns, so that it holds all views around
+        any of them. Places outside of this light field are not usable. The ground truth belongs to
+        the old centre view and is dropped.
+
+        Args:
+            view: ``(v, u)``, row and column of the view, counted from 0.
+
+        Returns:
+            The light field; this one if the view is its centre view.
+
+        Raises:
+            InputError: If there is no such view, or it cannot be used.
+
+        Example:
+            >>> corner = LightField(np.zeros((3, 3, 8, 8), np.uint8)).around((0, 2))
+            >>> corner.grid, corner.usable[2].tolist()
+            ((5, 5), [True, True, True, False, False])
+        """
+        rows, columns = self.grid
+        v, u = view
+        if not (0 <= v < rows and 0 <= u < columns):
+            raise InputError(
+                f"{self.name}: there is no view ({v}, {u}); rows are 0 to {rows - 1}, columns 0 to "
+                f"{columns - 1}"
+            )
+        if (v, u) == centre_index(self.grid):
+            return self
+        usable = np.ones(self.grid, bool) if self.usable is None else self.usable
+        report = self.view_order_report
+        if not usable[v, u] or (report is not None and not report.brightness.usable[v, u]):
+            raise InputError(
+                f"{self.name}: the view ({v}, {u}) is missing or too dark; choose another view"
+            )
+        positions = self.positions
+        return dataclasses.replace(
+            self,
+            views=grid_around(self.views, (v, u)),
+            ground_truth=None,
+            positions=None if positions is None else positions_around(positions, (v, u)),
+            usable=grid_around(usable, (v, u)),
+            view_order_report=None if report is None else report.around((v, u)),
+            view=(v, u),
         )
 
     def plot(self, *, axes: Axes | None = None) -> Axes:

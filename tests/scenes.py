@@ -61,3 +61,15 @@ def correlated_noise(shape, down, right):
     draws = draws[..., 1:] + right * draws[..., :-1]
     # The correlation of n_k + a n_(k - 1) is a / (1 + a^2).
     return draws.astype(np.float32), [down / (1 + down**2), right / (1 + right**2)]
+
+
+def two_plane_maps(grid=(3, 3), size=24, far=0.0, near=2.0):
+    """Return the exact ``[V, U, size, size]`` maps of a near square in front of a far plane.
+
+    The centre view sees the square in rows and columns 8 to 15; it moves by whole pixels.
+    """
+    maps = np.full((*grid, size, size), far, np.float32)
+    for v, u in np.ndindex(grid):
+        top, left = int(8 - near * (v - grid[0] // 2)), int(8 - near * (u - grid[1] // 2))
+        maps[v, u, top : top + 8, left : left + 8] = near
+    return maps

@@ -111,3 +111,30 @@ def test_beyond_infinity_depth_is_infinite():
     calibration = Calibration(100.0, 35.0, 80.0, 6.0)
     at_infinity = -100.0 / 35.0 * 512 * 0.08 / 6.0
     assert np.isinf(calibration.depth(np.array([at_infinity - 1e-6]), (512, 512))).all()
+
+
+def test_the_views_around_another_one_keep_their_places_relative_to_it():
+    generator = np.random.default_rng(0)
+    views = generator.random((3, 4, 2, 2, 1)).astype(np.float32)
+    positions = generator.normal(size=(3, 4, 2)).astype(np.float32)
+    usable = np.ones((3, 4), bool)
+    usable[1, 1] = False
+    light_field = LightField(
+        views, positions=positions, usable=usable, ground_truth=np.zeros((2, 2), np.float32)
+    )
+    around = light_field.around((0, 3))
+    assert (around.grid, around.view, around.ground_truth) == ((5, 7), (0, 3), None)
+    np.testing.assert_array_equal(around.centre, views[0, 3])
+    for v, u in np.ndindex(5, 7):
+        row, column = v - 2, u  # the centre view of the new grid is (2, 3)
+        inside = 0 <= row < 3 and column < 4
+        assert around.usable[v, u] == (inside and usable[row, column])
+        if inside:
+            np.testing.assert_array_equal(around.views[v, u], views[row, column])
+            expected = positions[row, column] - positions[0, 3]
+            np.testing.assert_array_equal(around.offsets[v, u], expected)
+    assert light_field.around((1, 2)) is light_field
+    with pytest.raises(InputError, match=r"no view \(3, 0\); rows are 0 to 2, columns 0 to 3"):
+        light_field.around((3, 0))
+    with pytest.raises(InputError, match=r"view \(1, 1\) is missing or too dark"):
+        light_field.around((1, 1))

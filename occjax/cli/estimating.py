@@ -55,6 +55,21 @@ def estimate_command(
         pair(float),
         option("Disparities to search, in pixels per view step.", "MIN MAX"),
     ] = None,
+    view: Annotated[
+        tuple[int, int] | None,
+        pair(int),
+        option(
+            "Estimate the view in this row and column, counted from 0, instead of the centre view.",
+            "V U",
+        ),
+    ] = None,
+    all_views: Annotated[
+        bool,
+        arg(
+            help="Estimate all views too, compare their maps, and write them and their common "
+            "point cloud: views.npz, views/ and views.ply."
+        ),
+    ] = False,
     precision: Annotated[Precision, arg(help="Type of a network's convolutions.")] = "float32",
     save: Annotated[
         str,
@@ -131,7 +146,7 @@ def estimate_command(
 
         check_report()
         options = dataclasses.replace(options, save=(*options.save, "occlusion"))
-    run = RunOptions(overwrite, share or (0, 1), fps if video else None)
+    run = RunOptions(overwrite, share or (0, 1), fps if video else None, view, all_views)
     if video:
         check_video(output / "disparity.mp4")
         if "maps" not in options.save:

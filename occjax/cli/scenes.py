@@ -32,7 +32,8 @@ from occjax.cli.resuming import complete_summary, estimator_settings, files_sha2
 from occjax.cli.running import collect_warnings, command_line, print_warning
 from occjax.cli.table import Row, row, stored_failures, write_table
 from occjax.errors import InputError
-from occjax.estimators import Estimate, Estimator, run_estimator
+from occjax.estimators import Estimate, Estimator, estimate_all_views, run_estimator
+from occjax.estimators.driver import ReportPhase, measured
 from occjax.estimators.protocol import DisparityRange
 from occjax.io.atomic import CannotWriteError, remove_remains
 from occjax.lightfield import LightField
@@ -53,14 +54,20 @@ class RunOptions:
         overwrite: Whether scenes that are complete with the same settings are estimated again.
         share: ``(index, count)``: this process estimates every ``count``-th scene from ``index``.
         frames_per_second: Rate of the video whose frames are the scenes; None if they are scenes.
+        view: ``(v, u)`` of the view that is estimated; None for the centre view.
+        all_views: Whether the other views are estimated too.
     """
 
     overwrite: bool = False
     share: tuple[int, int] = (0, 1)
     frames_per_second: float | None = None
+    view: tuple[int, int] | None = None
+    all_views: bool = False
 
     def __post_init__(self) -> None:
         """Check the share and the rate."""
+        if self.view is not None and self.all_views:
+            raise InputError("pass --view or --all-views, not both")
         index, count = self.share
         if not 0 <= index < count:
             raise InputError(
@@ -129,6 +136,8 @@ def estimate_scenes(
                 **dataclasses.asdict(options),
                 "save": sorted(options.save),
                 "disparity_range": disparity_range,
+                "view": run.view,
+                "all_views": run.all_views,
             },
         ),
         nested="/" in (view_order.pattern or ""),
@@ -168,6 +177,7 @@ def estimate_scenes(
             disparity_range,
             options,
             settings,
+            run,
             only_scene=len(names) == 1,
         )
         failed = pipelines.run()
@@ -212,12 +222,14 @@ class _Pipelines:
         disparity_range: DisparityRange | None,
         options: OutputOptions,
         settings: _Settings,
+        run: RunOptions,
         *,
         only_scene: bool,
     ) -> None:
         self._names, self._folder, self._estimator = names, folder, estimator
         self._reader, self._camera, self._disparity_range = reader, camera, disparity_range
         self._options, self._settings, self._only_scene = options, settings, only_scene
+        self._view, self._all_views = run.view, run.all_views
         self._remaining, self._lock = iter(names), threading.Lock()
         self._stopped = threading.Event()
         self._cannot_write: CannotWriteError | None = None
@@ -295,6 +307,8 @@ class _Pipelines:
                             occlusion="occlusion" in self._options.save,
                             report_phase=report_phase,
                         )
+                        if self._all_views:
+                            estimate = self._with_all_views(estimate, light_field, report_phase)
                     estimate = dataclasses.replace(
                         estimate,
                         seconds={"load": seconds, **estimate.seconds},
@@ -314,6 +328,20 @@ class _Pipelines:
             reading_thread.shutdown(cancel_futures=True)
             writing_thread.shutdown(cancel_futures=True)
 
+    def _with_all_views(
+        self, estimate: Estimate, light_field: LightField, report_phase: ReportPhase
+    ) -> Estimate:
+        """Add the maps of all views."""
+        begin = time.perf_counter()
+        views = estimate_all_views(
+            self._estimator,
+            light_field,
+            disparity_range=self._disparity_range,
+            report_phase=report_phase,
+        )
+        seconds = {**estimate.seconds, "all views": time.perf_counter() - begin}
+        return dataclasses.replace(estimate, views=views, seconds=seconds)
+
     def _read(self, scene: Path) -> ReadScene:
         """Read a scene."""
         begin = time.perf_counter()
@@ -323,6 +351,8 @@ class _Pipelines:
             light_field = self._reader(scene)
         calibration = self._camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
+        if self._view is not None:
+            light_field = measured(light_field).around(self._view)
         return ReadScene(light_field, settings, messages, time.perf_counter() - begin)
 
     def _finish(
@@ -480,5 +510,7 @@ def report(name: str, estimate: Estimate, outputs: Outputs) -> str:
     lines += [f"  note: {note}" for note in outputs.notes]
     if outputs.metrics is not None:
         lines += [f"  {line}" for line in outputs.metrics.table().splitlines()]
-    lines.append(f"  written to {outputs.folder}: {', '.join(p.name for p in outputs.paths)}")
+    parts = (path.relative_to(outputs.folder).parts for path in outputs.paths)
+    names = dict.fromkeys(first + "/" * bool(rest) for first, *rest in parts)
+    lines.append(f"  written to {outputs.folder}: {', '.join(names)}")
     return "\n".join(lines)

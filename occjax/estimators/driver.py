@@ -20,7 +20,7 @@ from occjax import programs
 from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
-from occjax.layout import registered
+from occjax.layout import check, registered
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
 
@@ -40,8 +40,10 @@ def estimate(
     disparity_range: DisparityRange | None = None,
     precision: str = "float32",
     occlusion: bool = False,
+    view: tuple[int, int] | None = None,
+    all_views: bool = False,
 ) -> Estimate:
-    """Estimate the disparity of a light field's centre view.
+    """Estimate the disparity of a light field's centre view, or of another view.
 
     The program is compiled once per shape. For several light fields, create the estimator once with
     :func:`make_estimator` and call :func:`run_estimator`, which reads the weights only once.
@@ -56,13 +58,18 @@ def estimate(
             range of the light field; if it has none, the range is measured.
         precision: Type of a network's convolutions, ``"float32"`` or ``"bfloat16"``.
         occlusion: Whether to compute the occlusion map of every view.
+        view: ``(v, u)``, row and column of the view whose disparity is estimated, counted from 0;
+            None for the centre view.
+        all_views: Whether to estimate all views too and to compare their maps
+            (:func:`estimate_all_views`), as ``views`` of the result.
 
     Returns:
-        The estimate, as NumPy arrays.
+        The estimate, as NumPy arrays. Its light field is that around the view
+        (:meth:`LightField.around`).
 
     Raises:
-        InputError: If model, weights, range and light field do not fit together, or if the light
-            field is a path.
+        InputError: If model, weights, range and light field do not fit together, if there is no
+            such view, or if the light field is a path.
 
     Example:
         >>> from occjax.data.bundled_sample import sample
@@ -74,9 +81,26 @@ def estimate(
         raise InputError(f"{light_field} is a path; pass occjax.load({str(light_field)!r})")
     if not isinstance(light_field, LightField):
         light_field = LightField(np.asarray(light_field))
+    if view is not None and all_views:
+        raise InputError("pass view or all_views, not both")
+    if view is not None:
+        light_field = measured(light_field).around(view)
     if model is None or isinstance(model, str):
         model = make_estimator(model, weights=weights, warp=warp, precision=precision)
-    return run_estimator(model, light_field, disparity_range=disparity_range, occlusion=occlusion)
+    result = run_estimator(model, light_field, disparity_range=disparity_range, occlusion=occlusion)
+    if not all_views:
+        return result
+    from occjax.estimators.all_views import estimate_all_views
+
+    views = estimate_all_views(model, light_field, disparity_range=disparity_range)
+    return dataclasses.replace(result, views=views)
+
+
+def measured(light_field: LightField) -> LightField:
+    """Return the light field with its report on the view order, which all its views share."""
+    if light_field.view_order_report is not None or light_field.grid == (1, 1):
+        return light_field
+    return dataclasses.replace(light_field, view_order_report=check(light_field))
 
 
 def run_estimator(
@@ -124,7 +148,7 @@ def run_estimator(
     with phase("prepare", "preparing"):
         light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
-        inputs = inputs._replace(notes=(*corrections, *inputs.notes))
+        inputs = inputs._replace(notes=(*_notes_on_view(given), *corrections, *inputs.notes))
         arguments = (inputs.variables, inputs.views, *inputs.others)
     compiling = "compiling, once for this size and number of views"
     with (
@@ -140,6 +164,14 @@ def run_estimator(
             maps = estimate_occlusion(light_field, result.disparity)
         result = dataclasses.replace(result, occlusion=maps)
     return dataclasses.replace(result, seconds=seconds, light_field=given)
+
+
+def _notes_on_view(light_field: LightField) -> tuple[str, ...]:
+    """Return a note for the user if the disparity is not that of the centre view."""
+    if light_field.view is None:
+        return ()
+    v, u = light_field.view
+    return (f"disparity of the view ({v}, {u}), row and column counted from 0",)
 
 
 def estimate_occlusion(light_field: LightField, disparity: np.ndarray) -> np.ndarray:

@@ -50,10 +50,20 @@ class ProposalEstimator:
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         offsets = np.asarray(light_field.offsets, np.float32)
+        compared, whole_grid = brightness.usable, None
+        if light_field.view is not None:
+            whole_grid = tuple((size + 1) // 2 for size in light_field.grid)
+            # Around a view at the border all others are on one side, and from the furthest of them
+            # most of what is behind depth edges is hidden.
+            reach = max(self.config.reach, *(size // 2 for size in whole_grid))
+            compared = compared & (np.abs(grid_offsets).max(axis=-1) <= reach)
+        usable = np.flatnonzero(compared)
         # The arrangement refers to the places of a grid; irregular views are all used.
-        usable = np.flatnonzero(brightness.usable)
         views = self.config.views if is_grid(offsets) else "all"
         selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
+        if whole_grid is not None:
+            whole = view_offsets(*whole_grid).reshape(-1, 2)
+            selected = _padded(selected, len(select_view_indices(whole, views)))
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:
@@ -128,3 +138,21 @@ class ProposalEstimator:
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""
         return estimate_from_maps(self.name, self.weights, inputs, outputs)
+
+
+def _padded(selected: np.ndarray, count: int) -> np.ndarray:
+    """Repeat the centre view until there are so many views.
+
+    Around a view at the border of the grid, fewer views are selected than around the centre. Copies
+    of the centre view have no effect, and views of one light field share compiled programs.
+
+    Args:
+        selected: ``[k]`` indices of the selected views; the centre view is at ``k // 2``.
+        count: Number of views.
+
+    Returns:
+        ``[max(k, count)]`` indices; the centre view is in the middle again.
+    """
+    centre, missing = len(selected) // 2, max(count - len(selected), 0)
+    before = (len(selected) + missing) // 2 - centre
+    return np.pad(selected, (before, missing - before), constant_values=selected[centre])

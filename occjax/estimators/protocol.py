@@ -42,9 +42,34 @@ class ModelInputs(NamedTuple):
     view_indices: np.ndarray | None = None
 
 
+class ViewMaps(NamedTuple):
+    """Maps of all views; NaN and 0 for views that cannot be used.
+
+    Attributes:
+        disparity: ``[V, U, H, W]`` float32, pixels per view step.
+        confidence: ``[V, U, H, W]`` float32 in [0, 1], of the estimator.
+        consistency: ``[V, U, H, W]`` float32 in [0, 1], a second confidence: the fraction of the
+            neighbouring views that confirm the disparity, among those that confirm or contradict
+            it (:func:`occjax.ops.cross_view_counts`).
+        agreeing: ``[V, U, H, W]`` int32 number of neighbouring views that confirm it.
+        filled: ``[V, U, H, W]`` bool, pixels whose disparity is taken from other views.
+        offsets: ``[V, U, 2]`` float32 offset ``(row, column)`` of each view from the centre view,
+            in view steps, as declared or measured.
+        tolerance: Largest difference of disparities that confirm each other, pixels per view step.
+    """
+
+    disparity: np.ndarray
+    confidence: np.ndarray
+    consistency: np.ndarray
+    agreeing: np.ndarray
+    filled: np.ndarray
+    offsets: np.ndarray
+    tolerance: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
-    """Disparity map of the centre view.
+    """Disparity map of the centre view, and of all views if requested.
 
     Attributes:
         disparity: ``[H, W]`` float32, pixels per view step.
@@ -65,6 +90,7 @@ class Estimate:
         seconds: Wall-clock seconds of each phase, e.g. ``{"compile": 3.1, "run": 0.4}``.
         light_field: The light field that was estimated; :meth:`load` returns the part of it that is
             stored.
+        views: Maps of all views, if they were requested.
     """
 
     disparity: np.ndarray
@@ -79,6 +105,7 @@ class Estimate:
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     light_field: LightField | None = None
+    views: ViewMaps | None = None
 
     def save(
         self,

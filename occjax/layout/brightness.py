@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from occjax.layout.config import BrightnessConfig
-from occjax.lightfield import LightField, centre_index, to_grey
+from occjax.lightfield import LightField, centre_index, grid_around, to_grey
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +53,20 @@ class ViewBrightness:
         if self.fall_off is not None:
             gain = gain * np.exp(_terms(image.shape[:2]) @ self.fall_off[v, u])[..., None]
         return image if np.all(gain == 1) else (image / gain).astype(np.float32)
+
+    def around(self, view: tuple[int, int]) -> ViewBrightness:
+        """Return the brightness relative to another view, which becomes the centre view.
+
+        Args:
+            view: ``(v, u)``, index of that view; it must be usable.
+        """
+        usable = grid_around(self.usable, view)
+        gain = np.where(usable, grid_around(self.gain / self.gain[view], view), np.float32(1.0))
+        fall_off = self.fall_off
+        if fall_off is not None:
+            relative = grid_around(fall_off - fall_off[view], view)
+            fall_off = np.where(usable[..., None], relative, 0.0)
+        return ViewBrightness(gain, usable, self.dark, fall_off)
 
     @property
     def notes(self) -> tuple[str, ...]:

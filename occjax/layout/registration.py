@@ -25,7 +25,13 @@ from scipy.ndimage import median_filter
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import RegistrationConfig, ViewOrderConfig
 from occjax.layout.consistency import box_mean, reduce_image
-from occjax.lightfield import LightField, centre_index, view_offsets
+from occjax.lightfield import (
+    LightField,
+    centre_index,
+    grid_around,
+    positions_around,
+    view_offsets,
+)
 from occjax.programs import kept
 
 MIN_SIZE_PX = 24
@@ -91,6 +97,23 @@ class Registration:
             for index in zip(*np.nonzero(self.shifts.any(-1)), strict=True):
                 views[index] = _shifted_back(light_field.views[index], self.shifts[index])
         return replace(light_field, views=views, positions=positions, view_order_report=None)
+
+    def around(self, view: tuple[int, int]) -> Registration:
+        """Return the corrections relative to another view, which becomes the centre view.
+
+        Args:
+            view: ``(v, u)``, index of that view. Its content keeps its place; that of the others is
+                moved to fit.
+        """
+        positions, shifts = self.positions, self.shifts
+        if shifts is not None:
+            shifts = grid_around(shifts - shifts[view], view)
+        return Registration(
+            self.spacing,
+            None if positions is None else positions_around(positions, view),
+            shifts,
+            grid_around(self.moved, view),
+        )
 
 
 def _views(chosen: np.ndarray) -> str:

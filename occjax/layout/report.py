@@ -118,6 +118,20 @@ class ViewOrderReport:
         low, high = self.disparity_range
         return (-high, -low) if self.best == DECLARED.reversed_sign else (low, high)
 
+    def around(self, view: tuple[int, int]) -> ViewOrderReport:
+        """Return the measurement for the same views around another one.
+
+        Args:
+            view: ``(v, u)``, index of the new centre view, see
+                :meth:`occjax.lightfield.LightField.around`.
+        """
+        registration = self.registration
+        return dataclasses.replace(
+            self,
+            brightness=self.brightness.around(view),
+            registration=None if registration is None else registration.around(view),
+        )
+
 
 def check(light_field: LightField, config: ViewOrderConfig | None = None) -> ViewOrderReport:
     """Measure which of the eight view orders makes the views consistent.

@@ -5,6 +5,7 @@ and signs are those of :mod:`occjax.lightfield`.
 """
 
 from occjax.lightfield import view_offsets
+from occjax.ops.cross_view import CrossViewCounts, cross_view_counts, cross_view_difference
 from occjax.ops.geometry import (
     back_project,
     depth_from_disparity,
@@ -33,6 +34,7 @@ from occjax.ops.volume import (
 
 __all__ = [
     "Confidence",
+    "CrossViewCounts",
     "all_in_focus",
     "aperture_weights",
     "back_project",
@@ -40,6 +42,8 @@ __all__ = [
     "coarse_volume_means",
     "concatenate",
     "confidence",
+    "cross_view_counts",
+    "cross_view_difference",
     "depth_from_disparity",
     "disparity_from_depth",
     "expected_disparity",

@@ -126,11 +126,43 @@ def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:
         return PointCloud(in_double(back_project, depth.values, calibration), METRES)
     if content.quantity == "depth":
         raise InputError("points of a depth map need the camera's focal length; pass a calibration")
-    height, width = content.values.shape
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    towards_viewer = np.asarray(content.values, np.float64) * max(height, width) / 8.0
-    points = np.stack([x - 0.5 * (width - 1), 0.5 * (height - 1) - y, towards_viewer], axis=-1)
-    return PointCloud(points, PIXELS)
+    values = np.asarray(content.values, np.float64)
+    pixels = np.indices(values.shape).astype(np.float64)
+    return PointCloud(points_at(pixels[0], pixels[1], values, None, values.shape), PIXELS)
+
+
+def points_at(
+    y: np.ndarray,
+    x: np.ndarray,
+    disparity: np.ndarray,
+    calibration: Calibration | None,
+    image_size: tuple[int, int],
+) -> np.ndarray:
+    """Compute points in space, as :func:`point_cloud`, from their places in the centre view.
+
+    Args:
+        y: ``[N]`` rows in the centre view, in pixels; they may lie between or beyond its pixels.
+        x: ``[N]`` columns in the centre view.
+        disparity: ``[N]`` pixels per view step.
+        calibration: Camera parameters, if known.
+        image_size: ``(H, W)`` of the centre view.
+
+    Returns:
+        ``[N, 3]`` float64, in metres or, without a calibration, in pixels; infinite beyond the
+        disparity of infinitely distant points.
+
+    Example:
+        >>> points_at(np.array([0]), np.array([1]), np.array([0.5]), None, (2, 2)).tolist()
+        [[0.5, 0.5, 0.125]]
+    """
+    height, width = image_size
+    right, up = x - 0.5 * (width - 1), 0.5 * (height - 1) - y
+    if calibration is None:
+        return np.stack([right, up, disparity * max(image_size) / 8.0], axis=-1)
+    focal_length = calibration.focal_length_pixels(image_size)
+    depth = calibration.depth(disparity, image_size)
+    directions = np.stack([right / focal_length, up / focal_length, -np.ones_like(right)], axis=-1)
+    return depth[..., None] * directions
 
 
 def flying_pixels(disparity: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@
 ``standard_deviation.npy``  maps: standard deviation, ``[H, W]`` float32, pixels per view step
 ``depth.npy``               maps: ``[H, W]`` float32 metres, if the light field is calibrated
 ``ground_truth.npy``        maps: ``[H, W]`` float32 true disparity, if the light field has it
-``centre.png``              maps: centre view in 8 bits
+``centre.png``              maps: the view that was estimated, usually the centre view, in 8 bits
 ``disparity_picture.png``   pictures: disparity in colours; pixels without signal are grey
 ``confidence.png``          pictures: confidence in colours
 ``error.png``               pictures: signed error, if there is ground truth
@@ -20,6 +20,8 @@
 ``occlusion.png``           occlusion: the same as a figure
 ``stages.npy``              stages: ``[S, H, W]`` float32 disparity after each stage, if there are
                             several
+``views.npz``, ``views/``,  maps and points of all views, if they were estimated, see
+``views.ply``               :mod:`occjax.results.view_maps`
 ``summary.json``            settings, scores and timings, see :mod:`occjax.results.summary`
 ==========================  ====================================================================
 
@@ -30,6 +32,7 @@ The word before the colon is the group (:data:`occjax.results.groups.GROUPS`) by
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +50,7 @@ from occjax.lightfield import LightField, to_unit_float
 from occjax.results.conversion import convert_map, flying_pixels, point_cloud, write_points
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
 from occjax.results.summary import SUMMARY, summary
+from occjax.results.view_maps import ARRAYS, CLOUD, FOLDER, write_view_maps
 from occjax.viz.pictures import (
     confidence_picture,
     disparity_picture,
@@ -55,7 +59,9 @@ from occjax.viz.pictures import (
     view_picture,
 )
 
-FILES = tuple(sorted([name for names in GROUPS.values() for name in names] + ["summary.json"]))
+FILES = tuple(
+    sorted([*(name for names in GROUPS.values() for name in names), ARRAYS, CLOUD, "summary.json"])
+)
 """All file names that an estimate may be written to."""
 
 MIN_CONFIDENCE = 1e-3
@@ -166,13 +172,23 @@ def write_outputs(
             _write_occlusion(estimate.occlusion, temporary)
         if "stages" in options.save and len(estimate.stages) > 1:
             np.save(temporary / "stages.npy", np.asarray(estimate.stages, np.float32))
+        if estimate.views is not None:
+            write_view_maps(estimate.views, light_field, temporary)
         content = summary(estimate, light_field, metrics, notes, command)
-        content["files"] = sorted(path.name for path in temporary.iterdir())
+        content["files"] = _names(temporary)
         content["settings"] = settings
         text = json.dumps(content, indent=2)
         (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
-        names = sorted(path.name for path in temporary.iterdir())
+        names = _names(temporary)
+    if estimate.views is None:  # of an earlier estimate
+        shutil.rmtree(folder / FOLDER, ignore_errors=True)
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
+
+
+def _names(folder: Path) -> list[str]:
+    """Return the names of all files, those in a folder of it with its name."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from occjax.io.images import read_image
 from occjax.io.maps import read_map
 from occjax.lightfield import LightField, centre_index
 from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.view_maps import read_view_maps
 
 
 def read_estimate(folder: str | Path, light_field: LightField | None = None) -> Estimate:
@@ -70,6 +71,7 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
         notes=tuple(summary["notes"]),
         seconds=summary["seconds"],
         light_field=light_field,
+        views=read_view_maps(folder),
     )
 
 
@@ -94,4 +96,5 @@ def _stored_light_field(
         ground_truth=ground_truth,
         usable=usable,
         source=None if summary["source"] is None else Path(summary["source"]),
+        view=tuple(summary["view"]) if summary.get("view") else None,  # older folders have none
     )

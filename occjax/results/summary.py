@@ -4,6 +4,9 @@
 ``scene``                     string, name of the light field
 ``source``                    string or null, file or folder it was read from, as it was given
 ``grid``                      [V, U], rows and columns of views
+``view``                      null, or [v, u], the view that was estimated, counted from 0, if it is
+                              not the centre view; ``grid`` then has 2 V - 1 rows and 2 U - 1
+                              columns around it, in which other views are missing
 ``image_size``                [H, W], rows and columns of pixels
 ``calibration``               null, or {focal_length_mm, sensor_size_mm, baseline_mm,
                               focus_distance_m} as in :class:`occjax.lightfield.Calibration`; an
@@ -72,6 +75,7 @@ def summary(
         "scene": light_field.name,
         "source": None if light_field.source is None else str(light_field.source),
         "grid": list(light_field.grid),
+        "view": None if light_field.view is None else list(light_field.view),
         "image_size": list(light_field.image_size),
         "calibration": _calibration(light_field.calibration),
         "model": estimate.model,

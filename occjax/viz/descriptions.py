@@ -80,6 +80,8 @@ def describe_light_field(light_field: LightField) -> Description:
     }
     if light_field.usable is not None and not light_field.usable.all():
         facts["usable views"] = f"{light_field.usable.sum()} of {light_field.usable.size}"
+    if light_field.view is not None:
+        facts["centre view"] = "view ({}, {}) of a larger light field".format(*light_field.view)
     if light_field.positions is not None:
         facts["camera positions"] = "given"
     return Description(title, facts)

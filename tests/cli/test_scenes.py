@@ -89,6 +89,33 @@ def names(folder):
     return sorted(entry.relative_to(folder).as_posix() for entry in folder.rglob("*"))
 
 
+def test_another_view_is_estimated_and_its_place_is_stored(run, tmp_path, estimator):
+    levels = np.arange(9, dtype=np.uint8).reshape(3, 3) * 20 + 40
+    views = np.broadcast_to(levels[..., None, None, None], (3, 3, 32, 32, 3))
+    np.savez(tmp_path / "scene.npz", views=views, ground_truth=np.zeros((32, 32), np.float32))
+    call = (
+        "estimate",
+        tmp_path / "scene.npz",
+        "-o",
+        tmp_path,
+        "--save",
+        "maps",
+        "--view",
+        "0",
+        "2",
+    )
+    assert run(*call)[0] == 0
+    folder = tmp_path / "scene"
+    assert (np.load(folder / "disparity.npy") == levels[0, 2]).all()
+    assert not (folder / "ground_truth.npy").exists()
+    again = Estimate.load(folder)
+    assert again.light_field.view == (0, 2)
+    assert (again.light_field.centre == levels[0, 2]).all()
+    assert "skipped" in run(*call)[1]
+    code, _, err = run(*call[:-2], "0", "3")
+    assert (code, "there is no view (0, 3)" in err) == (2, True)
+
+
 def test_a_second_call_skips_what_is_complete_with_the_same_settings(
     run, folder, tmp_path, estimator
 ):

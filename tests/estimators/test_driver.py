@@ -99,6 +99,30 @@ def test_light_fields_of_one_shape_are_compiled_once(estimators, scene, monkeypa
     assert occjax.estimate is estimate
 
 
+def test_disparity_of_another_view_is_that_of_the_plane_there(estimators, monkeypatch):
+    slope = np.array([0.02, -0.01])
+    scene = plane(grid=(5, 5), size=(32, 40), slope=slope)
+    photometric = estimators["photometric"]
+    centre = estimate(scene, model=photometric, disparity_range=RANGE)
+    same = estimate(scene, model=photometric, disparity_range=RANGE, view=(2, 2))
+    np.testing.assert_array_equal(same.disparity, centre.disparity)
+    y, x = np.mgrid[:32, :40]
+    loaded, load = [], programs.load_or_compile
+    monkeypatch.setattr(
+        programs, "load_or_compile", lambda *given: loaded.append(given[3]) or load(*given)
+    )
+    for view in ((0, 0), (0, 4), (4, 0)):
+        result = estimate(scene, model=photometric, disparity_range=RANGE, view=view)
+        # Pixel (y, x) of this view shows the point (y + d v, x + d u) of the centre view.
+        truth = (0.6 + slope[0] * y + slope[1] * x) / (1 - slope @ np.subtract(view, 2))
+        assert np.median(np.abs(result.disparity - truth)[8:-8, 8:-8]) < 0.03
+        assert result.light_field.view == view
+        assert result.notes[0].startswith(f"disparity of the view {view}")
+    assert len([name for name in loaded if name[1] == "ProposalEstimator"]) <= 1
+    with pytest.raises(InputError, match=r"no view \(5, 0\)"):
+        estimate(scene, model=photometric, view=(5, 0))
+
+
 def test_views_declared_twice_as_far_apart_have_half_the_disparity(estimators):
     offsets = np.stack(np.meshgrid([-2.0, 0.0, 2.0], [-2.0, 0.0, 2.0], indexing="ij"), -1)
     wide = plane(size=(24, 32), disparity=0.5, positions=offsets.astype(np.float32))

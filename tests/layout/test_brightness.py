@@ -85,3 +85,12 @@ def test_range_and_view_order_do_not_depend_on_the_brightness(scene, gain):
     assert report.best == expected.best
     np.testing.assert_allclose(report.disparity_range, expected.disparity_range, atol=0.5)
     assert report.brightness.usable.sum() == 16
+
+
+def test_brightness_around_another_view_is_relative_to_it():
+    image = np.random.default_rng(0).uniform(100, 200, (24, 24, 1))
+    factors = np.array([[1.0, 0.5, 0.8]])
+    views = (factors[..., None, None, None] * image).astype(np.uint8)
+    around = view_brightness(LightField(views)).around((0, 0))
+    np.testing.assert_allclose(around.gain[0, 2:], factors[0] / factors[0, 0], atol=0.01)
+    assert around.usable.tolist() == [[False, False, True, True, True]]

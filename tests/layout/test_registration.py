@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from occjax.layout import check, registered
+from occjax.layout.registration import Registration
 from occjax.lightfield import LightField, view_offsets
 from tests.io.scenes import two_planes
 
@@ -93,3 +94,12 @@ def test_corrections_are_made_once():
     assert len(notes) == 1
     assert none == ()
     assert again.views is once.views
+
+
+def test_corrections_around_another_view_leave_it_in_place():
+    shifts = np.zeros((1, 3, 2), np.float32)
+    shifts[0, 0] = (0.5, -1.0)
+    moved = np.array([[False, True, False]])
+    around = Registration(1.0, None, shifts, moved).around((0, 0))
+    assert around.shifts[0].tolist() == [[0, 0], [0, 0], [0, 0], [-0.5, 1.0], [-0.5, 1.0]]
+    assert around.moved.tolist() == [[False, False, False, True, False]]

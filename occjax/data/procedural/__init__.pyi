@@ -6,4 +6,4 @@ from .config import (
     Solids as Solids,
     Textures as Textures,
 )
-from .generator import generate as generate
+from .generator import generate as generate, true_disparities as true_disparities

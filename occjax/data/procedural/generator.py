@@ -59,6 +59,34 @@ def generate(key: Key, config: SceneConfig = SceneConfig()) -> LightFieldSample:
     )
 
 
+@partial(jax.jit, static_argnames="config")
+def true_disparities(key: Key, config: SceneConfig = SceneConfig()) -> Float[Array, "v u h w"]:
+    """Compute the exact disparity of every view of a random light field.
+
+    Args:
+        key: Random key of the light field, as for :func:`generate`.
+        config: The distribution that it was drawn from.
+
+    Returns:
+        ``[v, u, h, w]`` disparity of the ray through the middle of each pixel of each view, in
+        pixels per view step. That of the centre view is ``generate(key, config).disparity``, up to
+        rounding.
+
+    Example:
+        >>> config = SceneConfig(image_size=(16, 24), grid=(3, 3), views="all", sheets=2, solids=1)
+        >>> true_disparities(jax.random.key(0), config).shape
+        (3, 3, 16, 24)
+    """
+    scene_key, _, _ = jax.random.split(key, 3)
+    geometry = random_scene(scene_key, config).geometry
+    y, x = pixel_grid(config.image_size)
+    offsets = jnp.asarray(config.offsets)
+    maps = jax.lax.map(
+        lambda offset: first_hits(geometry, y, x, offset).disparity, offsets.reshape(-1, 2)
+    )
+    return maps.reshape(*offsets.shape[:2], *config.image_size)
+
+
 def render(
     scene: RandomScene, offsets: Float[Array, "n 2"], config: SceneConfig, key: Key
 ) -> Float[Array, "n h w"]:

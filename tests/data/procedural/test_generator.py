@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
 
-from occjax.data.procedural import Defects, Outlines, SceneConfig, Solids, generate
+from occjax.data.procedural import (
+    Defects,
+    Outlines,
+    SceneConfig,
+    Solids,
+    generate,
+    true_disparities,
+)
 from occjax.data.procedural.scenes import ABSENT_DISPARITY, random_scene
 from occjax.errors import InputError
 from tests.reference.surfaces import first_hit
@@ -99,6 +106,19 @@ def test_disparity_and_visibility_are_those_of_rays_traced_one_by_one(samples):
                     hidden += inside and not visible
                     assert sample.visibility[v, u, row, column] == visible
     assert hidden > 10
+
+
+def test_true_disparity_of_every_view_is_that_of_rays_traced_one_by_one(samples):
+    random = np.random.default_rng(0)
+    maps = np.asarray(true_disparities(KEYS[0], SMALL))
+    np.testing.assert_allclose(maps[1, 1], samples[0].disparity, atol=1e-5)
+    geometry = jax.jit(lambda key: random_scene(jax.random.split(key, 3)[0], SMALL).geometry)
+    scene = jax.tree.map(np.asarray, geometry(KEYS[0]))
+    for _ in range(60):
+        v, u, row, column = (random.integers(size) for size in maps.shape)
+        d, _, clear = first_hit(scene, row - 19.5, column - 23.5, (v - 1.0, u - 1.0))
+        if clear:
+            np.testing.assert_allclose(maps[v, u, row, column], d, atol=2e-4)
 
 
 def test_visible_pixels_agree_when_warped_by_the_ground_truth(samples):

@@ -1,0 +1,178 @@
+"""Disparity of all views, checked against each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from occjax import programs
+from occjax.errors import InputError
+from occjax.estimators.driver import ReportPhase, measured, run_estimator
+from occjax.estimators.protocol import DisparityRange, Estimator, ViewMaps
+from occjax.layout import check, registered
+from occjax.lightfield import LightField, centre_index, project
+
+
+@dataclass(frozen=True)
+class CrossViewConfig:
+    """Settings of the comparison of the views.
+
+    Attributes:
+        tolerance: Largest difference of disparities that agree, as a fraction of the searched
+            range.
+        radius: Views up to so many rows and columns away are compared.
+        min_consistency: Consistency below which a pixel is filled from other views.
+        min_confidence: Confidence that a pixel needs to fill another view.
+    """
+
+    tolerance: float = 0.02
+    radius: int = 2
+    min_consistency: float = 0.5
+    min_confidence: float = 0.5
+
+
+def estimate_all_views(
+    estimator: Estimator,
+    light_field: LightField,
+    *,
+    disparity_range: DisparityRange | None = None,
+    config: CrossViewConfig = CrossViewConfig(),
+    report_phase: ReportPhase = lambda phase: None,
+) -> ViewMaps:
+    """Estimate the disparity of every view and compare the maps with each other.
+
+    View order, brightness and disparity range are measured once. Views whose furthest other view is
+    equally far share a compiled program. Only disparity and confidence of each view are kept.
+
+    Where the other views contradict a pixel or none confirms it, the nearest of the surfaces that
+    the neighbouring views and the centre view are certain of replaces it.
+
+    Args:
+        estimator: From :func:`make_estimator`, or any :class:`Estimator`.
+        light_field: Light field.
+        disparity_range: ``(minimum, maximum)`` to search, in pixels per view step.
+        config: Settings of the comparison.
+        report_phase: Function that is called with the name of each phase.
+
+    Returns:
+        Disparity, confidence and consistency of all views.
+
+    Raises:
+        InputError: If the light field does not fit the estimator, or has only one view.
+
+    Example:
+        >>> from occjax.data.bundled_sample import sample
+        >>> from occjax.estimators import make_estimator
+        >>> views = sample().views[4:5, 4:6, :48, :48]
+        >>> small = LightField(views, disparity_range=(-1.0, 1.0))
+        >>> maps = estimate_all_views(make_estimator("photometric"), small)
+        >>> maps.disparity.shape
+        (1, 2, 48, 48)
+    """
+    if light_field.grid == (1, 1):
+        raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
+    light_field = measured(light_field)
+    usable = check(light_field).brightness.usable
+    shape = (*light_field.grid, *light_field.image_size)
+    disparity, confidence = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)
+    indices = _by_reach(usable)
+    searched: list[DisparityRange] = []
+    for number, view in enumerate(indices, 1):
+
+        def report(phase: str, number: int = number) -> None:
+            report_phase(f"view {number} of {len(indices)}, {phase}")
+
+        estimate = run_estimator(
+            estimator,
+            light_field.around(view),
+            disparity_range=disparity_range,
+            report_phase=report,
+        )
+        disparity[view], confidence[view] = estimate.disparity, estimate.confidence
+        searched.append(estimate.disparity_range)
+    report_phase("comparing the views")
+    low, high = min(low for low, _ in searched), max(high for _, high in searched)
+    tolerance = config.tolerance * (high - low)
+    # Displacements of badly rectified views are ignored: their maps keep their own pixels.
+    offsets = registered(light_field)[0].offsets.astype(np.float32)
+
+    def compared() -> tuple[np.ndarray, np.ndarray]:
+        agreeing, consistency = _compared(
+            np.where(np.isnan(disparity), np.float32(0.0), disparity),
+            np.float32(tolerance),
+            offsets,
+            usable,
+            radius=config.radius,
+        )
+        return np.asarray(agreeing), np.asarray(consistency)
+
+    agreeing, consistency = compared()
+    certain = (consistency >= config.min_consistency) & (confidence >= config.min_confidence)
+    filled = _fill(disparity, certain, consistency < config.min_consistency, offsets, usable)
+    if filled.any():
+        agreeing, consistency = compared()
+    return ViewMaps(disparity, confidence, consistency, agreeing, filled, offsets, tolerance)
+
+
+def _by_reach(usable: np.ndarray) -> list[tuple[int, int]]:
+    """Return the usable views, the centre view first, ordered by their distance from it.
+
+    Views at the same distance have the same number of candidates, so they use the same program one
+    after the other.
+    """
+    views = [(int(v), int(u)) for v, u in np.argwhere(usable)]
+    centre = np.array(centre_index(usable.shape))
+    return sorted(views, key=lambda view: int(np.abs(np.subtract(view, centre)).max()))
+
+
+def _fill(
+    disparity: np.ndarray,
+    certain: np.ndarray,
+    uncertain: np.ndarray,
+    offsets: np.ndarray,
+    usable: np.ndarray,
+) -> np.ndarray:
+    """Replace uncertain disparities, in place, by what other views are certain of.
+
+    Args:
+        disparity: ``[V, U, H, W]`` maps, which are changed.
+        certain: ``[V, U, H, W]`` pixels that may fill others.
+        uncertain: ``[V, U, H, W]`` pixels to fill.
+        offsets: ``[V, U, 2]`` offset of each view.
+        usable: ``[V, U]`` views that have a map.
+
+    Returns:
+        ``[V, U, H, W]`` pixels that were filled.
+    """
+    source = np.where(certain, disparity, np.nan)
+    filled = np.zeros(disparity.shape, bool)
+    centre = centre_index(usable.shape)
+    for view in map(tuple, np.argwhere(usable)):
+        nearest = np.full(disparity.shape[2:], -np.inf, np.float32)
+        for other in map(tuple, np.argwhere(usable)):
+            if other != view and (max(np.abs(np.subtract(other, view))) == 1 or other == centre):
+                _splat(nearest, source[other], offsets[view] - offsets[other])
+        filled[view] = uncertain[view] & np.isfinite(nearest)
+        disparity[view][filled[view]] = nearest[filled[view]]
+    return filled
+
+
+def _splat(target: np.ndarray, disparity: np.ndarray, offset: np.ndarray) -> None:
+    """Project a map into a view and keep the largest disparity of each pixel of ``target``."""
+    height, width = target.shape
+    y, x = np.nonzero(np.isfinite(disparity))
+    d = disparity[y, x]
+    row, column = (np.rint(place).astype(np.int64) for place in project(y, x, d, offset))
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    np.maximum.at(target, (row[inside], column[inside]), d[inside])
+
+
+@programs.kept
+def _compared(disparity, tolerance, offsets, usable, *, radius):
+    from occjax.ops import cross_view_counts
+
+    counts = cross_view_counts(
+        disparity, tolerance=tolerance, radius=radius, offsets=offsets, usable=usable
+    )
+    return counts.agreeing, counts.consistency
