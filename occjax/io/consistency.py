@@ -64,6 +64,7 @@ def truth_fault(light_field: LightField) -> str | None:
         None: truth,
         "its rows are reversed": truth[::-1],
         "its columns are reversed": truth[:, ::-1],
+        "its rows and columns are reversed": truth[::-1, ::-1],
         "its sign is reversed": -truth,
     }
     differences = {words: _truth_difference(light_field, d) for words, d in readings.items()}

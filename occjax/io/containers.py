@@ -100,7 +100,8 @@ def read_container(
             if numeric and stored.shape is not None and not name.startswith("#"):
                 matlab = written_by_matlab or "MATLAB_class" in stored.attrs or None
                 read = partial(read_dataset, path, stored)
-                found[name] = StoredArray(stored.shape, read, dict(stored.attrs), matlab)
+                attributes = {**stored.parent.attrs, **stored.attrs}
+                found[name] = StoredArray(stored.shape, read, attributes, matlab)
 
         with decoder_errors(path, "an HDF5 file", remedy="write or copy it again"):
             written_by_matlab = path.suffix.lower() == ".mat" or file.userblock_size > 0
@@ -188,10 +189,9 @@ def _find_views(path: Path, arrays: dict[str, StoredArray], key: str | None) -> 
 
 def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
     """Return the plausible orders of the axes of the views."""
-    named = stored.attributes.get("axes")
-    if isinstance(named, bytes):
-        named = named.decode("utf-8", errors="replace")
-    if isinstance(named, str) and (order := named_axis_order(named, stored.shape)):
+    named = np.ravel(stored.attributes.get("axes", ())).tolist()
+    words = [str(w, "utf-8", "replace") if isinstance(w, bytes) else str(w) for w in named]
+    if order := named_axis_order(" ".join(words), stored.shape):
         return [order]
     roles = axis_roles(stored.shape)
     if not roles:

@@ -47,7 +47,7 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
         InputError: If the grid is missing or does not divide the image, or the arrangement cannot
             be detected.
     """
-    named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem)
+    named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem, re.IGNORECASE)
     if kind == "quilt" or (kind is None and named):
         tiles = (int(named[2]), int(named[1])) if named else grid
         if tiles is None or min(tiles) < 1:

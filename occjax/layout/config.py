@@ -58,7 +58,10 @@ class RegistrationConfig:
         max_loss_ratio: Loss of a view, relative to views equally far from the centre view, from
             which it may be displaced by more than the first measurement can see. Clean light
             fields have at most 1.25.
-        rounds: Rounds of the first measurement, and of each resolution of the full one.
+        min_crop_size_px: Shorter side of the middle half of the reduced images from which that half
+            is measured first. If it is regular, the rest is not measured.
+        rounds: Rounds of the measurement that decides whether the views need corrections, and of
+            each resolution of the full one.
         residual_scale: Grey difference, relative to the contrast of the centre view, at which a
             pixel counts a quarter.
     """
@@ -75,6 +78,7 @@ class RegistrationConfig:
     significance: float = 5.0
     min_improvement: float = 0.02
     max_loss_ratio: float = 1.3
+    min_crop_size_px: int = 64
     rounds: tuple[int, int] = (2, 4)
     residual_scale: float = 0.4
 

@@ -178,16 +178,15 @@ def register(
     nominal = view_offsets(*grid, column_spacing=spacing or 1.0) if positions is None else positions
     places = nominal.reshape(-1, 2).astype(np.float64)
     usable = brightness.usable
-    images = [
-        reduce_image(brightness.grey(light_field, v, u), scale)
-        for v, u in np.argwhere(usable).tolist()
-    ]
+    images = np.stack(
+        [
+            reduce_image(brightness.grey(light_field, v, u), scale)
+            for v, u in np.argwhere(usable).tolist()
+        ]
+    )
     chosen = usable.reshape(-1)
     before_centre = chosen[: np.ravel_multi_index(centre_index(grid), grid)]
     centre = np.array(np.count_nonzero(before_centre), np.int32)
-    pyramid = [np.stack(images)]
-    while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * MIN_SIZE_PX:
-        pyramid.insert(0, np.stack([reduce_image(image, 2) for image in pyramid[0]]))
     views = _Views(places[chosen], centre, positions is None, settings)
 
     state = _State(
@@ -197,10 +196,11 @@ def register(
         np.zeros((len(images), 2)),
         np.zeros(len(images)),
     )
-    if spacing is None:
-        found = views.refine(pyramid[-1], state, settings.rounds[0])
-        if not views.is_displaced(found, scale):
-            return None
+    if spacing is None and views.are_regular(images, state, scale):
+        return None
+    pyramid = [images]
+    while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * MIN_SIZE_PX:
+        pyramid.insert(0, np.stack([reduce_image(image, 2) for image in pyramid[0]]))
     for level in pyramid:
         finest = level is pyramid[-1]
         state = state.at(level.shape[1:])
@@ -255,7 +255,27 @@ class _Views:
         )
         return np.asarray((before - after) / np.maximum(before, 1e-6))
 
-    def is_displaced(self, state: _State, scale: int) -> bool:
+    def are_regular(self, images: np.ndarray, state: _State, scale: int) -> bool:
+        """Return whether no view may be shifted, or not at its place.
+
+        The middle half of the images decides if it shows a regular light field precisely enough.
+        """
+        settings, (height, width) = self.settings, images.shape[1:]
+        if min(height, width) >= 2 * settings.min_crop_size_px:
+            rows, columns = (slice(size // 4, size // 4 + size // 2) for size in (height, width))
+            part = replace(state, disparity=state.disparity[rows, columns])
+            found = self.refine(images[:, rows, columns], part, settings.rounds[0])
+            largest_error = settings.significance * scale * float(found.error.max())
+            precise = largest_error <= settings.suspicious_shift_px
+            centre = images[self.centre]
+            precise &= bool(centre[rows, columns].std() >= 0.5 * centre.std())
+            if self.free:  # Only a spread of disparity tells a position from a shift.
+                precise &= bool(part.disparity.std() >= 0.5 * state.disparity.std())
+            if precise and not self._is_displaced(found, scale):
+                return True
+        return not self._is_displaced(self.refine(images, state, settings.rounds[0]), scale)
+
+    def _is_displaced(self, state: _State, scale: int) -> bool:
         """Return whether a view may be shifted, or not at its place, or fits worse than others."""
         misfit = self._relative_loss(state) > self.settings.max_loss_ratio
         shift = scale * np.abs(self._mean_shift(state)).max(-1)

@@ -50,6 +50,16 @@ def test_axes_of_hdf5_of_matlab_are_reversed_and_told(tmp_path):
         np.testing.assert_array_equal(load_unchecked(path).views, VIEWS)
 
 
+@pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
+@pytest.mark.parametrize("place", ["group", "group/light"])
+@pytest.mark.parametrize("axes", ["y:x:v:u:c", [b"y", b"x", b"v", b"u", b"c"]])
+def test_named_axes_are_obeyed(tmp_path, place, axes):
+    path = write(tmp_path / "scene.h5", {"group/light": VIEWS.transpose(2, 3, 0, 1, 4)})
+    with h5py.File(path, "a") as file:
+        file[place].attrs["axes"] = axes
+    np.testing.assert_array_equal(load_unchecked(path).views, VIEWS)
+
+
 @pytest.mark.parametrize("name", ["group.h5", "superresolution.h5", "depth_with_holes.h5"])
 @pytest.mark.parametrize("grid", [None, (3, 3)])
 def test_files_of_other_projects(shared, name, grid):

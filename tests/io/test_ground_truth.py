@@ -24,6 +24,7 @@ def scene():
     [
         (lambda truth: truth[::-1], "its rows are reversed"),
         (lambda truth: truth[:, ::-1], "its columns are reversed"),
+        (lambda truth: truth[::-1, ::-1], "its rows and columns are reversed"),
         (np.negative, "its sign is reversed"),
         (lambda truth: truth, None),
         (lambda truth: np.where(truth > 0, np.nan, truth), None),

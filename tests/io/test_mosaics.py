@@ -67,12 +67,12 @@ def test_black_outer_views_do_not_hide_the_arrangement(visible):
     assert detect_mosaic(join_tiles(views), (14, 14)) == "tiled"
 
 
-@pytest.mark.parametrize("name", ["bee_qs4x3a0.75.png", "bee.png"])
+@pytest.mark.parametrize("name", ["bee_qs4x3a0.75.png", "bee_QS4x3.png", "bee.png"])
 def test_a_quilt_is_one_row_of_views_from_the_bottom_left_tile(tmp_path, name):
     views = np.round(two_planes((1, 12), (40, 48), far=-0.2, near=0.5)[0] * 255).astype(np.uint8)
     quilt = join_tiles(views.reshape(3, 4, *views.shape[2:])[::-1])
     Image.fromarray(np.pad(quilt, ((2, 0), (0, 3), (0, 0)))).save(tmp_path / name)
-    options = {} if "qs" in name else {"layout": "quilt", "grid": (3, 4)}
+    options = {} if "4x3" in name else {"layout": "quilt", "grid": (3, 4)}
     np.testing.assert_array_equal(load(tmp_path / name, **options).views, views)
 
 

@@ -104,6 +104,14 @@ def test_the_pattern_of_unknown_names_is_found_and_told(tmp_path, views, name, p
         assert f"--pattern {pattern!r}" in str(warned[0].message)
 
 
+@pytest.mark.parametrize("name", ["image_{}_{}.png", "{}_{}.png"])
+def test_negative_indices_are_not_left_out_of_a_known_layout(tmp_path, views, name):
+    """Four of the nine names fit the names of a Lytro grid or of UrbanLF."""
+    save_views(tmp_path, views[:3, :3], lambda v, u: name.format(v - 1, u - 1))
+    with pytest.warns(GridWarning, match="file names read by --pattern"):
+        np.testing.assert_array_equal(load_unchecked(tmp_path).views, views[:3, :3])
+
+
 def test_several_patterns_are_listed():
     names = [f"a{v}b{u}c{w}.png" for v in range(2) for u in range(2) for w in range(2)]
     assert propose_patterns(names) == []

@@ -67,6 +67,21 @@ def test_one_shifted_view_is_named_and_does_not_flip_the_grid():
     np.testing.assert_allclose(report.registration.shifts, shifts, atol=0.1)
 
 
+@pytest.mark.parametrize("blank_middle", [False, True])
+def test_a_shifted_view_of_large_images_is_found(blank_middle):
+    """The middle half of large images is measured first; here it is textured, or says nothing."""
+    shifts = np.zeros((3, 3, 2))
+    shifts[1, 2] = 0.4, -0.4
+    views, _ = two_planes((3, 3), (144, 144), shifts=shifts)
+    if blank_middle:
+        for v, u in np.ndindex(3, 3):  # the square, which is the middle half of the centre view
+            y, x = np.indices((144, 144)) - shifts[v, u][:, None, None] - 72
+            square = (abs(y + 1.5 * (v - 1)) < 36) & (abs(x + 1.5 * (u - 1)) < 36)
+            views[v, u][square] = 0.5
+    report = check(LightField(views))
+    np.testing.assert_allclose(report.registration.shifts[1, 2], shifts[1, 2], atol=0.15)
+
+
 def test_two_swapped_views_get_the_positions_of_each_other():
     views = two_planes()[0]
     views[2, [3, 4]] = views[2, [4, 3]]

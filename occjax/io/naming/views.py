@@ -110,6 +110,12 @@ def _detect_layout(folder: str, names: list[str]) -> FolderLayout | None:
     """Return the only layout that fits names of the folder; None if no layout fits."""
     fitting = [layout for layout, regex in NAMES.items() if _matching(names, regex)]
     if len(fitting) == 1:
+        known = {match.string for match in _matching(names, NAMES[fitting[0]])}
+        images = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
+        if known < set(images) and len(patterns := propose_patterns(images)) == 1:
+            found = {match.string for match in _matching(names, pattern_to_regex(patterns[0]))}
+            if known < found:
+                return None  # for instance view_-1_0.png: layouts have no negative indices
         return fitting[0]
     if fitting:
         raise InputError(
