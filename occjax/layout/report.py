@@ -185,10 +185,10 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
 def _report_without_centre(
     light_field: LightField, measured: _Measured, config: ViewOrderConfig
 ) -> ViewOrderReport:
-    """Return the report on a light field whose centre view is not in its place.
+    """Return the report on a light field whose centre view seems not to be in its place.
 
-    A neighbour of the centre view is taken as the centre, and the position of the centre view is
-    measured against it.
+    A neighbour of the centre view is taken as the centre, and the positions of the others are
+    measured against it: the centre view is in its place if only its neighbours are not.
     """
     parts = [(axis, recentred(light_field, axis)) for axis in (0, 1)]
     measurements = [(axis, *part, _measure(part[0], config)) for axis, part in parts if part]
@@ -198,7 +198,7 @@ def _report_without_centre(
     measured_places = register(
         others, found.report.brightness, found.disparity, found.scale, config
     )
-    registration = None
+    registration, misplaced = None, True
     if measured_places is not None and measured_places.positions is not None:
         kept = [slice(None), slice(None)]
         kept[axis] = slice(1, None) if step == 1 else slice(None, -1)
@@ -211,11 +211,12 @@ def _report_without_centre(
         ]
         positions = positions - positions[centre_index(light_field.grid)]
         registration = Registration(1.0, positions, None, moved)
+        misplaced = bool(moved[centre_index(light_field.grid)])
     return dataclasses.replace(
         found.report,
         brightness=measured.report.brightness,
         registration=registration,
-        disorder="centre",
+        disorder="centre" if misplaced else None,
     )
 
 

@@ -363,5 +363,17 @@ def test_a_swapped_centre_view_is_the_misplaced_one(scene, other):
     assert report.disparity_range == pytest.approx(check(scene).disparity_range, abs=0.3)
 
 
+def test_the_neighbours_of_the_centre_view_may_be_exchanged(scene):
+    """The cross around the centre view is as inconsistent as if that view was misplaced."""
+    views = scene.views.copy()
+    views[1, 2], views[3, 2] = scene.views[3, 2], scene.views[1, 2]
+    report = check(LightField(views))
+    assert report.disorder is None
+    assert report.registration is not None
+    assert np.argwhere(report.registration.moved).tolist() == [[1, 2], [3, 2]]
+    found = report.registration.positions[[1, 3], 2]
+    np.testing.assert_allclose(found, [[1, 0], [-1, 0]], atol=0.1)
+
+
 def test_clean_views_have_no_disorder(scene):
     assert check(scene).disorder is None
