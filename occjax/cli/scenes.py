@@ -251,7 +251,9 @@ class _Pipelines:
         """
         devices = jax.local_devices()[: len(self._names)]
         threads = ThreadPoolExecutor(len(devices))
-        running = [threads.submit(self._run_on, device) for device in devices]
+        # The first scenes are given out here: a device that reads ahead would take another's.
+        first = [next(self._remaining) for _ in devices]
+        running = [threads.submit(self._run_on, *pair) for pair in zip(devices, first, strict=True)]
         try:
             with _termination_as_interrupt():
                 for future in wait(running, return_when=FIRST_EXCEPTION).done:
@@ -272,7 +274,7 @@ class _Pipelines:
             ) from error
         return {scene: self._failed[scene] for scene in self._names if scene in self._failed}
 
-    def _run_on(self, device: jax.Device) -> None:
+    def _run_on(self, device: jax.Device, first: Path) -> None:
         """Estimate one scene after the other on a device, until none remains."""
         reading_thread, writing_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
 
@@ -286,7 +288,8 @@ class _Pipelines:
                 return self._read(scene)
 
         try:
-            following = read_next()
+            following: tuple[Path, Future[ReadScene]] | None
+            following = first, reading_thread.submit(read, first)
             while following is not None and not self._stopped.is_set():
                 scene, reading = following
                 report_phase = phase_reporter(self._progress, self._names[scene])

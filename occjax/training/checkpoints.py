@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import os
@@ -43,6 +44,7 @@ class Checkpoints:
 
     def __init__(self, folder: Path, *, keep: int) -> None:
         self.folder = folder / CHECKPOINTS
+        on_first_process(partial(_remove_damaged_scores, self.folder))
         best = preservation_policy.BestN(get_metric_fn=_score, reverse=True, n=1)
         policy = preservation_policy.AnyPreservationPolicy(
             [preservation_policy.LatestN(keep), best]
@@ -241,3 +243,17 @@ def open_training_folder(folder: Path, description: Mapping[str, Any]) -> None:
 
 def _score(metrics: Mapping[str, float]) -> float:
     return metrics[SCORE_KEY]
+
+
+def _remove_damaged_scores(folder: Path) -> None:
+    """Remove scores that cannot be read: the manager would fail on them, and needs none."""
+    for file in folder.glob("*/metrics/metrics"):
+        try:
+            float(_score(json.loads(file.read_bytes())))
+        except (ValueError, KeyError, TypeError):
+            with writing_checkpoint(folder):
+                file.unlink()
+            warnings.warn(
+                f"{file}: is damaged and removed; the checkpoint counts as not validated",
+                stacklevel=2,
+            )

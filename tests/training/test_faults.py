@@ -88,7 +88,10 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_it_is_used(trained, be
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unawaited")
-def test_whatever_file_of_a_checkpoint_is_cut_or_missing_training_resumes(trained, tmp_path):
+@pytest.mark.parametrize("damage", [truncate, os.unlink])
+def test_whatever_file_of_a_checkpoint_is_cut_or_missing_training_resumes(
+    trained, tmp_path, damage
+):
     """No other exception comes out, and no wrong state: that of step 6 or, with a warning, 4."""
     result, folder = trained
     like = jax.tree.map(
@@ -100,13 +103,24 @@ def test_whatever_file_of_a_checkpoint_is_cut_or_missing_training_resumes(traine
     for number, file in enumerate(files):
         copy = tmp_path / str(number)
         shutil.copytree(folder / "checkpoints", copy / "checkpoints")
-        (truncate, os.unlink)[number % 2](copy / file.relative_to(folder))
-        with warnings.catch_warnings(), Checkpoints(copy, keep=3) as found:
-            warnings.simplefilter("ignore")
+        damage(copy / file.relative_to(folder))
+        with warnings.catch_warnings(action="ignore"), Checkpoints(copy, keep=3) as found:
             state = found.restore(like)
         assert int(state.step) in (4, 6)
         if int(state.step) == 6:
             assert_same(state, result.state)
+
+
+def test_a_damaged_score_is_removed_and_the_state_kept(trained, begin, tmp_path):
+    (result, folder), copy = trained, tmp_path / "run"
+    shutil.copytree(folder, copy)
+    score = copy / "checkpoints" / "6" / "metrics" / "metrics"
+    for text in ('{"score": 1.', '{"points": 1.0}', '{"score": "low"}', "3"):
+        score.write_text(text)
+        with pytest.warns(UserWarning, match=r"6/metrics/metrics: is damaged and removed"):
+            again = begin(copy)
+        assert_same(again.state, result.state)
+        assert not score.exists()
 
 
 @pytest.mark.usefixtures("unawaited")
