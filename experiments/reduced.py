@@ -257,7 +257,7 @@ def queue(questions: Sequence[str]) -> Iterator[tuple[str, int]]:
         questions: Names in :data:`QUESTIONS`.
 
     Example:
-        >>> list(queue(["transposed warp", "shared aggregation"]))[:3]
+        >>> list(queue(["transposed warp"]))[:3]
         [('cas_2_occ', 0), ('cas_2_occ_transposed', 0), ('cas_2_occ', 1)]
     """
     several = list(dict.fromkeys(row for name in list(QUESTIONS)[:3] for row in QUESTIONS[name]))

@@ -50,13 +50,17 @@ def recentred(light_field: LightField, axis: int) -> tuple[LightField, int] | No
 
 
 def find_disorder(
-    light_field: LightField, score: Callable[[LightField], float], config: ViewOrderConfig
+    light_field: LightField,
+    declared: float,
+    score: Callable[[LightField], float],
+    config: ViewOrderConfig,
 ) -> Disorder | None:
     """Return which disorder explains that the views are not consistent in their order.
 
     Args:
         light_field: At least two rows and columns of views, without camera positions.
-        score: Returns the inconsistency of views in the order in which they are.
+        declared: Inconsistency of the views in the order in which they are.
+        score: Returns the inconsistency of other views in their order.
         config: Settings.
 
     Returns:
@@ -71,12 +75,13 @@ def find_disorder(
         usable=None if usable is None else straightened(usable),
     )
 
-    def scores(views: LightField, *axes: int) -> list[float]:
-        parts = [recentred(views, axis) for axis in axes]
-        return [score(part[0]) for part in parts if part is not None]
+    def scores(views: LightField, axis: int) -> list[float]:
+        part = recentred(views, axis)
+        return [] if part is None else [score(part[0])]
 
-    declared, below, ordered = score(light_field), scores(light_field, 0), score(straight)
-    if max([declared, *below]) > config.disorder_ratio * max([ordered, *scores(straight, 0)]):
+    below = scores(light_field, 0)
+    largest = max([declared, *below]) / config.disorder_ratio
+    if largest > score(straight) and largest > max(scores(straight, 0), default=0.0):
         return "serpentine"
     # The view that was exchanged with the centre view may be the neighbour in one direction.
     elsewhere = min([*below, *scores(light_field, 1)], default=declared)

@@ -174,7 +174,8 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     def score(views: LightField) -> float:
         return _measure(views, config).report.scores[DECLARED.name]
 
-    disorder = find_disorder(light_field, score, config)
+    declared = measured.report.scores[DECLARED.name]
+    disorder = find_disorder(light_field, declared, score, config)
     if disorder == "serpentine":
         return dataclasses.replace(report, disorder=disorder, best=DECLARED, clearly_worse=False)
     if disorder == "centre":
