@@ -254,6 +254,8 @@ def _read(path: Path, device: jax.Device) -> Any:
             data = file.read()
         # Decompression finds damaged files by their checksum.
         serialized, inputs, outputs = pickle.loads(zlib.decompress(data))
+        if b"lapack_" in serialized:
+            _find_lapack()
         program = serialize_executable.deserialize_and_load(
             serialized, inputs, outputs, execution_devices=[device]
         )
@@ -261,6 +263,15 @@ def _read(path: Path, device: jax.Device) -> Any:
     except Exception:  # whatever is wrong with it, the program can be compiled again
         return None
     return program
+
+
+@functools.cache
+def _find_lapack() -> None:
+    """Let JAX find the functions of LAPACK, which it does when it lowers the first of them.
+
+    Until then, a loaded program that calls them ends the process (JAX issue 28908).
+    """
+    jax.jit(jax.lax.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), "float32"))
 
 
 def _write(path: Path, program: Any) -> None:

@@ -3,6 +3,8 @@
 import gc
 import os
 import pickle
+import subprocess
+import sys
 import weakref
 import zlib
 
@@ -137,6 +139,28 @@ def test_a_program_that_fails_when_it_is_called_is_compiled_again(folder, call, 
 
     monkeypatch.setattr(programs.serialize_executable, "deserialize_and_load", broken)
     assert call()
+
+
+SOLVE = """
+import jax, jax.numpy as jnp, numpy as np
+from occjax import programs
+arrays = np.array([[2.0, 1.0], [1.0, 3.0]], np.float32), np.array([5.0, 10.0], np.float32)
+structure, shapes = programs.signature(arrays)
+solve = programs.load_or_compile(
+    jnp.linalg.solve, structure, shapes, ("solve",), programs.current_device()
+)
+print(solve(*arrays), len(programs.cached_programs()))
+"""
+
+
+@pytest.mark.slow
+def test_a_program_that_calls_lapack_runs_in_a_new_process(tmp_path, monkeypatch):
+    """JAX finds the functions of LAPACK when it traces; without it, the process would die."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", SOLVE], capture_output=True, text=True)
+        assert (done.returncode, done.stdout) == (0, "[1. 3.] 1\n"), done.stderr
 
 
 def test_a_folder_that_cannot_be_made_is_no_error(folder, call, tmp_path, monkeypatch):
