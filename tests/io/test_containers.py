@@ -113,6 +113,14 @@ def test_old_hci_files_have_disparity_from_depth(tmp_path, attributes, shift, st
     np.testing.assert_allclose(again, depth, rtol=1e-4)
 
 
+@pytest.mark.parametrize("hole", [0.0, -1.0, np.inf, np.nan, 1e10, 1e30])
+def test_holes_of_the_depth_are_no_truth(tmp_path, hole):
+    depth = np.full((40, 48), 3.0)
+    depth[3:5, 7:9] = hole
+    path = write(tmp_path / "buddha.h5", {"LF": VIEWS, "GT_DEPTH": depth}, CAMERA)
+    np.testing.assert_array_equal(np.isnan(load_unchecked(path).ground_truth), depth != 3.0)
+
+
 def test_missing_attributes_are_named(tmp_path):
     arrays = {"LF": VIEWS, "GT_DEPTH": np.ones((40, 48))}
     path = write(tmp_path / "buddha.h5", arrays, {"dH": 0.1})

@@ -49,18 +49,29 @@ def test_a_grid_of_numbered_views_is_told_from_one_row(tmp_path, views, columns,
 
 
 @pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
-def test_several_frames_are_no_grid(tmp_path, views):
-    for frame in (59, 60):
-        save_views(tmp_path, views, lambda v, u, f=frame: f"painter_{f:03d}_{5 * v + u:02d}.png")
-    with pytest.raises(InputError, match=r"has 2 frames of 5x5 views .* 'painter_059_\{i\}\.png'"):
+@pytest.mark.parametrize("frames", [2, 16])
+def test_several_frames_are_no_grid(tmp_path, views, frames):
+    """Equal frames, too, and as many as there are cameras: they look like a square grid."""
+    views = views[:4, :4]
+    for frame in range(frames):
+        save_views(tmp_path, views, lambda v, u, f=frame: f"painter_{f:03d}_{4 * v + u:02d}.png")
+    message = rf"has {frames} frames of 4x4 views .* 'painter_000_\{{i\}}\.png'"
+    with pytest.raises(InputError, match=message):
         load_unchecked(tmp_path)
-    loaded = load_unchecked(tmp_path, pattern="painter_059_{i}.png")
+    loaded = load_unchecked(tmp_path, pattern="painter_000_{i}.png")
     np.testing.assert_array_equal(loaded.views, views)
-    assert load_unchecked(tmp_path, grid=(2, 25)).grid == (2, 25)
+    assert load_unchecked(tmp_path, grid=(frames, 16)).grid == (frames, 16)
 
 
-def test_a_grid_with_a_square_number_of_columns_is_no_sequence_of_frames(tmp_path):
-    views = np.round(two_planes((3, 9), (48, 56), far=-0.5, near=0.5)[0] * 255).astype(np.uint8)
+def test_several_scenes_may_be_one_with_other_names(tmp_path, views):
+    folder = save_views(tmp_path, views, lambda v, u: f"a{v}b{u}_{u}_{v}.png")
+    with pytest.raises(InputError, match=r"of several scenes .* or pass pattern .*'a\{v\}b\{u\}_"):
+        load_unchecked(folder)
+
+
+@pytest.mark.parametrize("rows", [3, 9])
+def test_a_grid_with_a_square_number_of_columns_is_no_sequence_of_frames(tmp_path, rows):
+    views = np.round(two_planes((rows, 9), (48, 56), far=-0.5, near=0.5)[0] * 255).astype(np.uint8)
     folder = save_views(tmp_path, views, lambda v, u: f"painter_{v:03d}_{u:02d}.png")
     np.testing.assert_array_equal(load_unchecked(folder).views, views)
 

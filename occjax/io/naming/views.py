@@ -69,9 +69,11 @@ def find_views(
     _warn_of_ignored(folder, names, matches)
     scenes = {match.groupdict().get("scene") for match in matches}
     if len(scenes) > 1:
+        patterns = propose_patterns([match.string for match in matches])
+        option = f", or pass pattern (--pattern {' or '.join(map(repr, patterns))})"
         raise InputError(
             f"{folder}: has views of several scenes ({first_few(sorted(map(str, scenes)))}); "
-            "move each to a folder of its own"
+            f"move each to a folder of its own{option if patterns else ''}"
         )
     arrange = arrange_by_number if "i" in matches[0].groupdict() else arrange_by_row_and_column
     return layout, arrange(folder, matches, grid)
