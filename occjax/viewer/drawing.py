@@ -85,7 +85,8 @@ def epipolar_picture(
         return picture
     # The line continues to the upper and the lower edge of the picture.
     at = np.arange(count)
-    ends = np.interp([-0.5, count - 0.5], at, epi.offsets) if count > 1 else epi.offsets[[0, 0]]
+    steps = np.diff(epi.offsets) if count > 1 else np.zeros(1)
+    ends = epi.offsets[[0, -1]] + 0.5 * steps[[0, -1]] * [-1.0, 1.0]
     offsets = np.concatenate([ends[:1], epi.offsets, ends[1:]])
     y = np.concatenate([[0.0], (at + 0.5) * row, [count * row]])
     x = (picked - disparity * offsets - epi.first + 0.5) * zoom

@@ -397,7 +397,7 @@ class PixelPanel:
         gui, config = self.page.server.gui, self.page.config
         black = np.zeros((8, 8, 3), np.uint8)
         with gui.add_folder("Epipolar plane image"):
-            self.line = gui.add_button_group(
+            self.line = gui.add_dropdown(
                 "Line",
                 ("row", "column"),
                 hint="The same pixel row in all views of the centre row, or the same pixel column "
@@ -430,9 +430,9 @@ class PixelPanel:
             gui.add_markdown(
                 "How much the views differ from the centre view if the point had this disparity. "
                 "The pink line is the estimate; it should be at a low point. Where something "
-                "hides the point from some views, only the yellow curve has it."
+                "hides the point from some views, only the yellow curve has a low point there."
             )
-        self.line.on_click(lambda _: self.page.worker.submit("epi", self._show_epi))
+        self.page.when_changed((self.line,), "epi", self._show_epi)
 
     def show_result(self) -> None:
         """Show the picked pixel in the selected result."""

@@ -83,6 +83,9 @@ def test_the_slope_line_passes_through_the_point_in_each_view():
     for view, offset in enumerate(epi.offsets):
         columns = np.flatnonzero(pink[round((view + 0.5) * height)])
         assert columns.mean() / 8.0 == pytest.approx(100 + 6.0 * offset - 60 + 0.5, abs=0.3)
+    for row, end in ((0, -2.5), (-1, 2.5)):  # it is straight up to the edges of the picture
+        columns = np.flatnonzero(pink[row])
+        assert columns.mean() / 8.0 == pytest.approx(100 + 6.0 * end - 60 + 0.5, abs=0.5)
     assert not (np.abs(epipolar_picture(epi, 100, np.nan).astype(int) - MARK).sum(-1) < 40).any()
 
 

@@ -10,6 +10,8 @@ import pytest
 
 from occjax.errors import InputError
 from occjax.viewer import ViewedResult, ViewedScene, Viewer, ViewerConfig, open_viewer
+from occjax.viewer.drawing import epipolar_picture
+from occjax.viewer.pixel import epipolar_image
 
 
 @pytest.fixture
@@ -32,6 +34,16 @@ def test_the_numbers_of_the_picked_pixel_are_those_of_the_selected_result(viewer
     viewer.select_pixel(99, -5)
     viewer.wait_until_idle()
     assert (viewer.pixel.y.value, viewer.pixel.x.value) == (23, 0)
+
+
+def test_the_epipolar_plane_image_is_that_of_the_chosen_line(viewer, two_results):
+    viewer.select_pixel(10, 12)
+    field = two_results.light_field
+    for line, picked in (("row", 12), ("column", 10)):
+        viewer.pixel.line.value = line
+        viewer.wait_until_idle()
+        epi = epipolar_image(field, 10, 12, line, radius_px=ViewerConfig().epi_radius_px)
+        np.testing.assert_array_equal(viewer.pixel._epi.image, epipolar_picture(epi, picked, 0.5))
 
 
 def test_the_confidence_threshold_hides_points(viewer):
