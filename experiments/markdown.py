@@ -38,5 +38,12 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
+def print_text(text: str, path: Path | None) -> None:
+    """Print a text, and write it to a file if one is given."""
+    print(text)
+    if path is not None:
+        write_text(path, text)
+
+
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"

@@ -24,11 +24,12 @@ from tqdm import tqdm
 
 from experiments.command_line import Small, announce_smoke_test, main
 from experiments.cut_outs import small_sample
-from experiments.markdown import markdown_table, write_text
+from experiments.markdown import markdown_table, print_text
 from experiments.validation_scores import Score, score_models
 from occjax import load
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
+from occjax.estimators.driver import measured
 from occjax.layout import check
 from occjax.lightfield import LightField
 
@@ -116,11 +117,10 @@ def run(
     for scene in light_fields:
         found = results.setdefault(scene.name, {})
         for name, light_field in tqdm(conditions(scene), unit="condition", disable=None):
+            light_field = measured(light_field)  # once for both models
             fraction = check(light_field).measured_fraction
             found[name] = Result(fraction, score_models(light_field, MODELS))
-    print(table(results))
-    if output is not None:
-        write_text(output, table(results))
+    print_text(table(results), output)
     return results
 
 

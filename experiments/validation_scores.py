@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from experiments.command_line import Small, announce_smoke_test, main
 from experiments.cut_outs import small_sample
-from experiments.markdown import markdown_table, write_text
+from experiments.markdown import markdown_table, print_text
 from experiments.real_scenes import named_estimator
 from occjax import load
 from occjax.cli.options import option
@@ -110,9 +110,7 @@ def run(
     for path in tqdm([None] if small else scenes, unit="scene", disable=None):
         scene = small_sample() if path is None else load(path)
         results[scene.name] = score_models(scene, models)
-    print(table(results))
-    if output is not None:
-        write_text(output, table(results))
+    print_text(table(results), output)
     return results
 
 

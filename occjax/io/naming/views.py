@@ -70,7 +70,7 @@ def find_views(
     scenes = {match.groupdict().get("scene") for match in matches}
     if len(scenes) > 1:
         patterns = propose_patterns([match.string for match in matches])
-        option = f", or pass pattern (--pattern {' or '.join(map(repr, patterns))})"
+        option = f", or {_pass_pattern(patterns)}"
         raise InputError(
             f"{folder}: has views of several scenes ({first_few(sorted(map(str, scenes)))}); "
             f"move each to a folder of its own{option if patterns else ''}"
@@ -151,9 +151,13 @@ def _propose(folder: str, names: list[str]) -> str:
         return patterns[0]
     proposed = [*patterns, "view_{v}_{u}.png", "view_{i}.png"][: len(patterns) or 2]
     raise InputError(
-        f"{folder}: the file names match no known layout{_found(images)}; "
-        f"pass pattern (--pattern {' or '.join(map(repr, proposed))})"
+        f"{folder}: the file names match no known layout{_found(images)}; {_pass_pattern(proposed)}"
     )
+
+
+def _pass_pattern(patterns: list[str]) -> str:
+    """Tell the user to choose one of some patterns."""
+    return f"pass pattern (--pattern {' or '.join(map(repr, patterns))})"
 
 
 def _found(names: list[str]) -> str:
