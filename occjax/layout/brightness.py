@@ -181,8 +181,9 @@ def _robust_fit(terms: np.ndarray, values: np.ndarray, config: BrightnessConfig)
 
 
 def _low_pass(image: np.ndarray, config: BrightnessConfig) -> np.ndarray:
-    """Return the local mean of grey, reduced to about ``config.size_px`` by leaving out pixels."""
+    """Return the local mean of grey at every second pixel of the reduced image, if it is smooth."""
     step = max(1, min(image.shape[:2]) // config.size_px)
     grey = to_grey(image[::step, ::step])
     radius = min(grey.shape) // config.windows_per_side
-    return uniform_filter(grey, 2 * radius + 1, mode="nearest")
+    mean = uniform_filter(grey, 2 * radius + 1, mode="nearest")
+    return mean[::2, ::2] if radius > 1 else mean
