@@ -74,9 +74,9 @@ class Estimate:
     Attributes:
         disparity: ``[H, W]`` float32, pixels per view step.
         confidence: ``[H, W]`` float32 in [0, 1]; 1 is certain. One minus the normalised entropy of
-            the candidates' probabilities; for a cascade that of the least certain stage. A
-            selection among proposals contributes the probability of all proposals close to the
-            selected one. Values for grids of different size cannot be compared.
+            the candidates' probabilities, reduced near depth edges; for a cascade that of the least
+            certain stage; for a selection the probability of all proposals close to the selected
+            one. Values of different models or grids cannot be compared.
         standard_deviation: ``[H, W]`` float32, standard deviation of the last stage's
             probabilities, pixels per view step.
         disparity_range: ``(minimum, maximum)`` that was searched.

@@ -243,6 +243,21 @@ class PlanarConfig:
 
 
 @dataclass(frozen=True)
+class ConfidenceConfig:
+    """Confidence of the disparity.
+
+    Attributes:
+        sufficient_certainty: Certainty of the search above which the confidence is that of the
+            selection. Below it, nothing tells the proposals apart.
+        edge_step: Range of the disparities of 3x3 pixels at which the confidence without a selector
+            is halved: which of the surfaces at a depth edge a pixel shows is not known.
+    """
+
+    sufficient_certainty: float = 0.1
+    edge_step: float = 0.1
+
+
+@dataclass(frozen=True)
 class ProposalNetConfig:
     """ProposalNet, or with ``selector=None`` the training-free estimator.
 
@@ -255,6 +270,7 @@ class ProposalNetConfig:
         proposals: Proposals and their costs.
         selector: Learned selection; None skips proposals and selection.
         planar: Planes of large planar surfaces; None keeps the selected disparity.
+        confidence: Confidence of the disparity.
         views: Views of a grid that are compared with the centre view. The two outermost views in
             eight directions carry most of the information.
         reach: Largest view offset that every arrangement of views is scaled to, in view steps. A
@@ -270,6 +286,7 @@ class ProposalNetConfig:
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
     planar: PlanarConfig | None = PlanarConfig()
+    confidence: ConfidenceConfig = ConfidenceConfig()
     views: Arrangement = "outer_star"
     reach: float = 4.0
     max_candidates: int = 1024

@@ -7,6 +7,7 @@ a pixel near a depth edge belongs to.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -133,14 +134,15 @@ class ProposalNet(nn.Module):
         if self.config.search.downsampling == 2:
             certainty, deviation = upsample2x(certainty), upsample2x(deviation)
         selection, disparity = None, refined.disparity
-        if self.config.selector is not None:
+        if self.config.selector is None:
+            certainty = certainty * _smoothness(disparity, self.config.confidence.edge_step)
+        else:
             selection = self.select(
                 propose(grey, searched, refined.disparity, candidates, self.config)
             )
             # A single pixel that differs from all its neighbours is more often wrong than correct.
             disparity = median_filter(selection.disparity)
-            # The selection cannot know that the search missed a surface: the lower one counts.
-            certainty = jnp.minimum(certainty, _selection_confidence(selection, self.config))
+            certainty = _selection_confidence(selection, certainty, self.config)
             change = selection.proposed - selection.disparity[None]
             deviation = confidence(selection.probabilities, change).standard_deviation
         if self.config.planar is not None:
@@ -275,15 +277,29 @@ def variable_shapes(config: ProposalNetConfig) -> dict:
     return dict(jax.eval_shape(init, jax.random.key(0), proposals))
 
 
-def _selection_confidence(selection: Selection, config: ProposalNetConfig) -> Float[Array, "h w"]:
+def _smoothness(disparity: Float[Array, "h w"], edge_step: float) -> Float[Array, "h w"]:
+    """Return 1 where the disparities of 3x3 pixels are equal, 1/2 where they differ by a step."""
+
+    def extreme(initial: float, combine: Callable[[Array, Array], Array]) -> Array:
+        return jax.lax.reduce_window(disparity, initial, combine, (3, 3), (1, 1), "SAME")
+
+    extent = extreme(-jnp.inf, jax.lax.max) - extreme(jnp.inf, jax.lax.min)
+    return edge_step / (edge_step + extent)
+
+
+def _selection_confidence(
+    selection: Selection, certainty: Float[Array, "h w"], config: ProposalNetConfig
+) -> Float[Array, "h w"]:
     """Return the probability of all proposals close to the selected disparity.
 
-    Where several proposals are equal, their entropy is meaningless.
+    Where several proposals are equal, their entropy is meaningless. Where the search, of which
+    ``certainty`` is given, has found nothing, all of them are equal, and the confidence is low.
     """
     assert config.selector is not None
     distance = jnp.abs(selection.proposed - selection.disparity[None])
     near = distance <= config.selector.window
-    return sum_leading(jnp.where(near, selection.probabilities, 0.0))
+    probability = sum_leading(jnp.where(near, selection.probabilities, 0.0))
+    return probability * jnp.minimum(certainty / config.confidence.sufficient_certainty, 1.0)
 
 
 def _in_original_units(output: ProposalOutput, scale, height: int, width: int) -> ProposalOutput:

@@ -45,6 +45,17 @@ def test_selection_is_among_the_proposals(output):
     np.testing.assert_array_equal(selection.proposed[0], output.refined)
 
 
+def test_confidence_is_the_probability_of_the_close_proposals(variables, views, output):
+    selection, window = output.selection, CONFIG.selector.window
+    assert CONFIG.reach == 4 * np.abs(OFFSETS).max()  # the window is four times as wide here
+    close = np.abs(selection.proposed - selection.disparity[None]) <= 4 * window
+    probability = np.sum(np.where(close, selection.probabilities, 0), axis=0)
+    assert (output.confidence <= probability + 1e-5).all()
+    assert np.mean(np.abs(output.confidence - probability) < 1e-5) > 0.5
+    blank = apply(variables, jnp.full_like(views, 0.5), OFFSETS, CANDIDATES)
+    assert blank.confidence.max() < 0.01
+
+
 def test_order_of_the_views_does_not_matter(variables, views, output):
     order = np.array([8, 1, 2, 3, 4, 0, 6, 7, 5])  # the centre view stays
     shuffled = apply(

@@ -94,6 +94,18 @@ def test_irregular_positions_are_used():
     assert error.mean() < 0.02
 
 
+def test_confidence_is_low_at_depth_edges():
+    views, truth = square()
+    found = estimate(views)
+    edges = np.abs(np.diff(np.asarray(found.disparity), axis=1)) > np.ptp(truth) / 2
+    assert edges.any()
+    config = preset("photometric")
+    at_reach = np.ptp(truth) / 2 / config.reach  # the views of this grid reach one step
+    highest = config.confidence.edge_step / (config.confidence.edge_step + at_reach)
+    assert found.confidence[:, 1:][edges].max() <= highest
+    assert np.median(found.confidence) > highest
+
+
 @pytest.mark.parametrize("gain", [1 / 16, 1 / 64])
 def test_map_does_not_depend_on_exposure(gain):
     views, _ = square()
