@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from occjax.data.samples import LightFieldSample, numpy_sample
 from occjax.errors import InputError
 from occjax.io import load, read_image
 from occjax.io.files import reading
@@ -57,6 +59,29 @@ class Scene:
         if cut.shape[-1] == 1:
             return cut[..., 0] / np.float32(255.0)
         return cut @ (weights / (255.0 * weights.sum())).astype(np.float32)
+
+    def sample(
+        self, window: tuple[slice, slice] = (slice(None), slice(None)), *, weights: np.ndarray
+    ) -> LightFieldSample:
+        """Return a window as a training example of NumPy arrays.
+
+        Args:
+            window: Rows and columns; all by default.
+            weights: ``[3]`` weights of red, green and blue, see :meth:`grey`.
+        """
+        return numpy_sample(
+            views=self.grey(window, weights=weights),
+            offsets=self.offsets,
+            disparity=self.disparity[window],
+            valid=self.valid[window],
+        )
+
+    def checksum(self) -> int:
+        """Return a number that changes with the views or the ground truth."""
+        checksum = 0
+        for array in (self.views, self.disparity, self.valid):
+            checksum = zlib.crc32(np.ascontiguousarray(array), checksum)
+        return checksum
 
 
 def load_scenes(
