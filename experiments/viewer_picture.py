@@ -34,8 +34,8 @@ LOADED = "document.querySelector('canvas[data-engine]')?.style.opacity === '1'"
 def viewer_picture(
     results: Positional[Annotated[Path, arg(help="Folder that occjax demo wrote.")]],
     output: Annotated[Path, arg(aliases=["-o"], help="Picture to write.")],
-    pixel: Annotated[tuple[int, int], arg(help="Row and column of the picked pixel.")] = (150, 118),
-    turn: Annotated[tuple[int, int], arg(help="Pixels by which the mouse is dragged.")] = (170, 60),
+    pixel: Annotated[tuple[int, int], arg(help="Row and column of the picked pixel.")] = (74, 191),
+    turn: Annotated[tuple[int, int], arg(help="Pixels by which the mouse is dragged.")] = (80, 30),
 ) -> None:
     """Write the picture."""
     chromium = shutil.which("chromium")  # None: the one that playwright installed
@@ -47,7 +47,9 @@ def viewer_picture(
         page.wait_for_function(LOADED)
         viewer.select_pixel(*pixel)
         viewer.wait_until_idle()
-        page.wait_for_timeout(10_000)  # a notification about WebGL disappears
+        page.wait_for_timeout(5_000)
+        for notification in page.locator(".mantine-Notification-closeButton").all():
+            notification.click()  # about WebGL in software
         box = page.locator("canvas[data-engine]").bounding_box()
         assert box is not None
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

@@ -421,7 +421,7 @@ class PixelPanel:
             gui.add_markdown(
                 "The colour of the point in each view, one square per view. Crossed views see "
                 f"something else (occlusion map above {config.occluded_above:g}): an occluder, or "
-                "the disparity is wrong. The centre view has a yellow frame."
+                "the disparity is wrong. The view of the map has a yellow frame."
             )
         with gui.add_folder("Matching cost"):
             self._cost = gui.add_uplot(
