@@ -1,8 +1,8 @@
 """Picture of the viewer's page for the documentation, made in headless Chromium.
 
-``occjax demo -o FOLDER && python -m experiments.viewer_picture FOLDER -o docs/viewer.jpg`` turns the
-cloud, picks a pixel next to a depth edge, and writes what a user then sees. It needs the extra
-``test``, for playwright, and Chromium.
+After ``occjax demo -o FOLDER``, ``python -m experiments.viewer_picture FOLDER -o docs/viewer.jpg``
+turns the cloud, picks a pixel next to a depth edge, and writes what a user then sees. It needs the
+extra ``test``, for playwright, and Chromium.
 """
 
 from __future__ import annotations
