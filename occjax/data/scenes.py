@@ -80,7 +80,7 @@ class Scene:
         """Return a number that changes with the views or the ground truth."""
         checksum = 0
         for array in (self.views, self.disparity, self.valid):
-            checksum = zlib.crc32(np.ascontiguousarray(array), checksum)
+            checksum = zlib.crc32(np.ascontiguousarray(array).data, checksum)
         return checksum
 
 

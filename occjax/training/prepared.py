@@ -164,8 +164,8 @@ def prepared_source(
     if augmentation.crop is not None:
         check_crop(augmentation.crop, network)
     parts = {"": len(files), "scene_": len(scenes)}  # beginnings of the names of stored files
-    weights = tuple(w if count else 0.0 for w, count in zip(weights, parts.values(), strict=True))
-    if not sum(weights) > 0.0:
+    present = [w if count else 0.0 for w, count in zip(weights, parts.values(), strict=True)]
+    if not sum(present) > 0.0:
         raise InputError("there are no light fields to prepare; pass pools or scenes")
     description = _description(pools, scenes, network, seed, augmentation)
     stored = open_run_folder(
@@ -189,7 +189,7 @@ def prepared_source(
         return read_prepared(path)
 
     def light_field(drawn: int) -> PreparedSample:
-        before, after = (shares(weights, total) for total in (drawn, drawn + 1))
+        before, after = (shares(present, total) for total in (drawn, drawn + 1))
         index = int(np.argmax(np.subtract(after, before)))
         return prepared(list(parts)[index], items[index](before[index]))
 

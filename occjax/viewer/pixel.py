@@ -172,13 +172,14 @@ def epipolar_image(
         The lines of pixels of the usable views, in the order of their positions.
     """
     v0, u0 = centre_index(light_field.grid)
+    usable = light_field.usable
     if line == "row":
-        views, strip, axis, picked = np.s_[v0], light_field.views[v0, :, y], 1, x
+        strip, offsets = light_field.views[v0, :, y], light_field.offsets[v0, :, 1]
+        usable, picked = None if usable is None else usable[v0], x
     else:
-        views, strip, axis, picked = np.s_[:, u0], light_field.views[:, u0, :, x], 0, y
-    offsets = light_field.offsets[views][:, axis]
-    if light_field.usable is not None:
-        usable = light_field.usable[views]
+        strip, offsets = light_field.views[:, u0, :, x], light_field.offsets[:, u0, 0]
+        usable, picked = None if usable is None else usable[:, u0], y
+    if usable is not None:
         strip, offsets = strip[usable], offsets[usable]
     first = picked - radius_px
     indices = np.arange(first, picked + radius_px + 1)
