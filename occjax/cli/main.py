@@ -60,7 +60,8 @@ COMMANDS = {
     )
 }
 
-SHELLS = ("bash", "zsh", "tcsh")
+SHELLS = ("bash", "zsh")
+"""Shells whose completion tyro writes without another package."""
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from threading import Lock
 import numpy as np
 
 from occjax.data.config import AugmentationConfig
-from occjax.data.samples import LightFieldSample, numpy_sample, stack_samples, to_device
+from occjax.data.samples import LightFieldSample, stack_samples, to_device
 from occjax.data.scenes import Scene
 from occjax.data.sources import (
     ALL_ROWS,
@@ -127,9 +127,4 @@ def _random_window(
     height, width = map(min, size, crop)
     top, left = (generator.integers(room + 1) for room in (size[0] - height, size[1] - width))
     window = np.s_[top : top + height, left : left + width]
-    return numpy_sample(
-        views=scene.grey(window, weights=0.05 + generator.uniform(size=3)),
-        offsets=scene.offsets,
-        disparity=scene.disparity[window],
-        valid=scene.valid[window],
-    )
+    return scene.sample(window, weights=0.05 + generator.uniform(size=3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from occjax.data.samples import LightFieldSample, numpy_sample
 from occjax.errors import InputError
 from occjax.io import load, read_image
 from occjax.io.files import reading
@@ -58,6 +60,29 @@ class Scene:
             return cut[..., 0] / np.float32(255.0)
         return cut @ (weights / (255.0 * weights.sum())).astype(np.float32)
 
+    def sample(
+        self, window: tuple[slice, slice] = (slice(None), slice(None)), *, weights: np.ndarray
+    ) -> LightFieldSample:
+        """Return a window as a training example of NumPy arrays.
+
+        Args:
+            window: Rows and columns; all by default.
+            weights: ``[3]`` weights of red, green and blue, see :meth:`grey`.
+        """
+        return numpy_sample(
+            views=self.grey(window, weights=weights),
+            offsets=self.offsets,
+            disparity=self.disparity[window],
+            valid=self.valid[window],
+        )
+
+    def checksum(self) -> int:
+        """Return a number that changes with the views or the ground truth."""
+        checksum = 0
+        for array in (self.views, self.disparity, self.valid):
+            checksum = zlib.crc32(np.ascontiguousarray(array).data, checksum)
+        return checksum
+
 
 def load_scenes(
     folders: str | Path | Sequence[str | Path], *, views: Selection = "all", progress: bool = True
@@ -80,7 +105,7 @@ def load_scenes(
     found = [scene for folder in given for scene in _find_scenes(Path(folder))]
     return [
         _read_scene(folder, views)
-        for folder in tqdm(found, desc="scenes", unit="scene", disable=not progress)
+        for folder in tqdm(found, desc="scenes", unit="scene", disable=None if progress else True)
     ]
 
 

@@ -16,6 +16,7 @@ from occjax.errors import InputError
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io.atomic import atomic_path
 from occjax.report.scenes import ReportScene
+from occjax.results.summary import whole_grid
 from occjax.viz.colour import NO_VALUE, confidence_colours, disparity_colours
 from occjax.viz.pictures import error_scale
 
@@ -61,6 +62,7 @@ def write_report(path: str | Path, scenes: Sequence[ReportScene]) -> None:
         script=(files / "report.js").read_text("utf-8"),
         colours=_colours(),
         columns=[column for column in COLUMNS if any(column[1](s.summary) for s in scenes)],
+        whole_grid=whole_grid,
         bad=f"{BAD_PIXEL_THRESHOLD:g}",
     )
     with atomic_path(path) as temporary:
@@ -77,7 +79,7 @@ def _badpix(summary: dict[str, Any]) -> float | None:
 
 COLUMNS: tuple[tuple[str, Callable[[dict[str, Any]], Any]], ...] = (
     ("model", lambda summary: summary["model"]),
-    ("views", lambda summary: "x".join(map(str, summary["grid"]))),
+    ("views", lambda summary: "x".join(map(str, whole_grid(summary)))),
     ("pixels", lambda summary: "x".join(map(str, summary["image_size"]))),
     (f"BadPix {BAD_PIXEL_THRESHOLD:g} [%]", _badpix),
     ("MSE x100", _score("mse_x100")),

@@ -130,7 +130,7 @@ def report_scene(
         "centre": _jpeg(centre, config.jpeg_quality),
         "camera": _camera(light_field.calibration, light_field.image_size, step),
         "max_points": config.max_points,
-        "occlusion": _occlusion(estimate.occlusion, config),
+        "occlusion": _occlusion(estimate.occlusion, light_field.view, config),
     }
     return ReportScene(summary, data)
 
@@ -179,10 +179,18 @@ def _camera(
     return {"focal_length": focal_length, "slope": one - zero, "constant": zero}
 
 
-def _occlusion(occlusion: np.ndarray | None, config: ReportConfig) -> dict[str, Any] | None:
+def _occlusion(
+    occlusion: np.ndarray | None, view: tuple[int, int] | None, config: ReportConfig
+) -> dict[str, Any] | None:
     """Return a mosaic of the occlusion maps; light is occluded."""
     if occlusion is None:
         return None
+    centre = centre_index(occlusion.shape[:2])
+    if view is not None:  # the light field is the middle of the grid around the view
+        rows, columns = (
+            slice(at - own, 2 * at - own + 1) for at, own in zip(centre, view, strict=True)
+        )
+        occlusion, centre = occlusion[rows, columns], view
     v, u, height, width = occlusion.shape
     zoom = min(1.0, config.max_occlusion_px / max(v * height, u * width))
     height, width = max(1, int(zoom * height)), max(1, int(zoom * width))
@@ -198,7 +206,7 @@ def _occlusion(occlusion: np.ndarray | None, config: ReportConfig) -> dict[str, 
     return {
         "image": _jpeg(mosaic, config.jpeg_quality),
         "grid": [v, u],
-        "centre": list(centre_index((v, u))),
+        "centre": list(centre),
         "size": [height, width],
         "white": white / 255.0,
     }

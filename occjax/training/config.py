@@ -242,8 +242,9 @@ class DataConfig:
         scenes: Distribution of the procedural light fields.
         pools: Folders of procedural light fields that ``occjax pool`` rendered.
         pool_share: Relative share of the light fields of all pools together.
-        prepared: For ProposalNet, folder in which the proposals are kept. Training then uses the
-            light fields of the pools only (:mod:`occjax.training.prepared`).
+        prepared: For ProposalNet, folder in which the proposals of each light field of pools and
+            folders are kept, so that a step trains the selection only
+            (:mod:`occjax.training.prepared`).
         patches: Choice of the patches of prepared light fields.
         folders: Scenes with ground truth, or folders of such scenes.
         folder_share: Relative share of patches of these scenes.

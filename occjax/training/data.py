@@ -106,18 +106,22 @@ def _prepared(config: DataConfig, folder: Path, network: ModelConfig) -> BatchSo
     unvaried = AugmentationConfig(
         flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
     )
-    others = config.procedural_share > 0.0 or config.folders
-    if not isinstance(network, ProposalNetConfig) or others or not config.pools:
+    pools = config.pools if config.pool_share > 0.0 else ()
+    folders = config.folders if config.folder_share > 0.0 else ()
+    known = bool(pools or folders) and config.procedural_share == 0.0
+    if not isinstance(network, ProposalNetConfig) or not known:
         raise InputError(
-            "data.prepared needs the proposal network and no data but pools; pass --recipe "
-            "proposal, --data.pools and --data.procedural-share 0"
+            "data.prepared needs the proposal network, and pools or folders as its only data; pass "
+            "--recipe proposal, --data.pools or --data.folders, and --data.procedural-share 0"
         )
     return prepared_source(
-        config.pools,
+        pools,
         folder,
         network,
         config.batch_size,
         config.seed,
         augmentation=config.augmentation or unvaried,
         patches=config.patches,
+        scenes=load_scenes(folders, views=network.views) if folders else (),
+        weights=(config.pool_share, config.folder_share),
     )

@@ -24,7 +24,8 @@ from occjax.data.augmentation import random_noise, random_tone
 from occjax.data.config import AugmentationConfig
 from occjax.data.pool import DESCRIPTION, light_field_files, read_sample, shuffled
 from occjax.data.samples import LightFieldSample, select_views, to_device
-from occjax.data.sources import ALL_ROWS, check_batch_size, sample_numbers
+from occjax.data.scenes import Scene
+from occjax.data.sources import ALL_ROWS, check_batch_size, sample_numbers, shares
 from occjax.data.transforms import Symmetry, transform_images, transform_offsets
 from occjax.errors import InputError
 from occjax.io.arrays import load_fields
@@ -128,11 +129,13 @@ def prepared_source(
     *,
     augmentation: AugmentationConfig,
     patches: PatchConfig | None = None,
+    scenes: Sequence[Scene] = (),
+    weights: tuple[float, float] = (1.0, 1.0),
 ) -> Callable[..., PreparedSample]:
-    """Return a source that goes through pools in random order, in a new order each time.
+    """Return a source that goes through light fields in random order, in a new order each time.
 
-    Tone and noise of a light field are drawn once, before its proposals are computed; patches and
-    symmetries are drawn each time.
+    Tone, noise and grey weights of a light field are drawn once, before its proposals are computed;
+    patches and symmetries are drawn each time.
 
     Args:
         pools: Folders of :func:`occjax.data.pool.render_pool`, whose light fields have one size.
@@ -143,44 +146,60 @@ def prepared_source(
             noise, which then do not change with the seed.
         augmentation: How light fields are varied.
         patches: Choice of the patches.
+        scenes: Scenes from :func:`occjax.data.scenes.load_scenes`, with the views of the network.
+        weights: Relative shares of pools and scenes in every batch.
 
     Returns:
         Source of batches of :class:`PreparedSample`, or of their rows, see
         :class:`occjax.data.sources.Source`.
 
     Raises:
-        InputError: If the folder contains something else, if a pool is missing or empty, or if the
-            crop does not fit the network; when called, if the crop is larger than the light fields.
+        InputError: If the folder contains something else, if a pool is missing or empty, if there
+            are no light fields, or if the crop does not fit the network; when called, if the crop
+            is larger than the light fields.
     """
     check_batch_size(batch_size)
     folder = Path(folder)
     files = [file for pool in pools for file in light_field_files(pool)]
     if augmentation.crop is not None:
         check_crop(augmentation.crop, network)
-    description = _description(pools, network, seed, augmentation)
+    parts = {"": len(files), "scene_": len(scenes)}  # beginnings of the names of stored files
+    present = [w if count else 0.0 for w, count in zip(weights, parts.values(), strict=True)]
+    if not sum(present) > 0.0:
+        raise InputError("there are no light fields to prepare; pass pools or scenes")
+    description = _description(pools, scenes, network, seed, augmentation)
     stored = open_run_folder(
         folder, PREPARATION, description, contents="prepared light fields", may_differ=("seed",)
     )
 
     whole = dataclasses.replace(augmentation, crop=None)  # other crops share a compiled program
 
-    item = shuffled(len(files), seed)
+    items = [shuffled(count, seed) for count in parts.values()]
 
-    def prepared(number: int) -> PreparedSample:
-        path = folder / f"{number:06d}.npz"
+    def prepared(part: str, number: int) -> PreparedSample:
+        path = folder / f"{part}{number:06d}.npz"
         if not path.exists():
-            sample = select_views(read_sample(files[number]), network.views)
+            if part:
+                generator = np.random.default_rng((stored["seed"], number))
+                sample = scenes[number].sample(weights=0.05 + generator.uniform(size=3))
+            else:
+                sample = select_views(read_sample(files[number]), network.views)
             key = jax.random.fold_in(jax.random.key(stored["seed"]), number)
             write_prepared(path, prepare(key, to_device(sample), network, whole))
         return read_prepared(path)
+
+    def light_field(drawn: int) -> PreparedSample:
+        before, after = (shares(present, total) for total in (drawn, drawn + 1))
+        index = int(np.argmax(np.subtract(after, before)))
+        return prepared(list(parts)[index], items[index](before[index]))
 
     how = network.proposals.offsets, augmentation, patches or PatchConfig()
 
     def source(step: int, rows: slice = ALL_ROWS, /) -> PreparedSample:
         samples = []
         for drawn in sample_numbers(step, rows, batch_size):
-            generator, sample = np.random.default_rng((seed, drawn)), prepared(item(drawn))
-            samples.append(random_patch(generator, sample, *how))
+            generator = np.random.default_rng((seed, drawn))
+            samples.append(random_patch(generator, light_field(drawn), *how))
         return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *samples)
 
     return source
@@ -331,14 +350,19 @@ def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:
 
 def _description(
     pools: Sequence[str | Path],
+    scenes: Sequence[Scene],
     network: ProposalNetConfig,
     seed: int,
     augmentation: AugmentationConfig,
 ) -> dict:
     """Return all settings that the prepared light fields depend on."""
+    # Folders that earlier versions prepared from pools only do not have this field.
+    checksums = {f"{number}_{scene.name}": scene.checksum() for number, scene in enumerate(scenes)}
+    described = {"scene_checksums": checksums} if scenes else {}
     varied = ("gamma", "contrast", "brightness", "noise", "noise_probability")
     return {
         "version": occjax.__version__,
+        **described,
         "pools": [read_description(Path(pool) / DESCRIPTION) for pool in pools],
         "network": json.loads(
             config_to_json(dataclasses.replace(network, selector=None, planar=None))

@@ -19,7 +19,7 @@ CENTRE = (242, 182, 50)
 """Colour of the frame around the centre view."""
 
 OUTSIDE = 0.35
-"""Grey level of what lies outside the image."""
+"""Grey level of what lies outside the image, and of views that are missing."""
 
 
 def enlarged(image: np.ndarray, *, width: int = 400) -> np.ndarray:
@@ -62,6 +62,24 @@ def with_cross(image: np.ndarray, y: float, x: float) -> np.ndarray:
     return np.asarray(drawn)
 
 
+def brightened(pixels: np.ndarray, *, target: float = 0.7, most: float = 8.0) -> np.ndarray:
+    """Return dark pixels brighter, all by the same factor.
+
+    Args:
+        pixels: ``[..., C]`` in [0, 1]; NaN outside the image.
+        target: Value that the 99th percentile gets, unless it is larger already.
+        most: Largest factor.
+
+    Example:
+        >>> brightened(np.array([0.0, 0.1, 0.7])).tolist()
+        [0.0, 0.1, 0.7]
+        >>> brightened(np.array([0.0, 0.035, 0.035])).round(3).tolist()
+        [0.0, 0.28, 0.28]
+    """
+    bright = float(np.nanpercentile(pixels, 99.0))
+    return pixels * np.float32(np.clip(target / max(bright, 1e-6), 1.0, most))
+
+
 def epipolar_picture(
     epi: EpipolarImage, picked: int, disparity: float, *, width: int = 640
 ) -> np.ndarray:
@@ -74,12 +92,13 @@ def epipolar_picture(
         width: Approximate width of the picture, in pixels.
 
     Returns:
-        ``[height, width, 3]`` uint8; one line of pixels per view, in the order of the views.
+        ``[height, width, 3]`` uint8; one line of pixels per view, in the order of the views. Dark
+        lines are brightened (:func:`brightened`).
     """
     count, length = epi.pixels.shape[:2]
     zoom = max(2, width // length)
     row = max(8, min(36, width // 3 // count))
-    pixels = view_picture(np.where(np.isnan(epi.pixels), OUTSIDE, epi.pixels))
+    pixels = _with_grey(brightened(epi.pixels))
     picture = np.repeat(np.repeat(pixels, row, axis=0), zoom, axis=1)
     if not np.isfinite(disparity):
         return picture
@@ -104,25 +123,37 @@ def epipolar_picture(
 def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 234) -> np.ndarray:
     """Return an enlarged angular patch: occluded views are crossed out, the centre view framed.
 
+    Rows and columns at the edge of the grid in which all views are missing are left out.
+
     Args:
-        patch: ``[V, U, C]`` float32 colour of the point in each view.
+        patch: ``[V, U, C]`` float32 colour of the point in each view; NaN where it is missing.
         occluded: ``[V, U]`` booleans.
         width: Approximate length of the longer side, in pixels.
 
     Returns:
         ``[height, width, 3]`` uint8.
     """
+    known = np.isfinite(patch).all(axis=-1)
+    centre = np.array(centre_index(known.shape))
+    rows, columns = (np.flatnonzero(known.any(axis)) for axis in (1, 0))
+    inner = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    v, u = centre - (rows[0], columns[0])
+    patch, occluded = patch[inner], (occluded & known)[inner]
     tile = max(8, width // max(occluded.shape))
-    colours = view_picture(patch)
+    colours = _with_grey(patch)
     drawn = Image.fromarray(np.repeat(np.repeat(colours, tile, axis=0), tile, axis=1))
     draw = ImageDraw.Draw(drawn)
-    for v, u in np.argwhere(occluded):
-        gap, line = tile // 6, max(2, tile // 10)
-        box = [u * tile + gap, v * tile + gap, (u + 1) * tile - gap - 1, (v + 1) * tile - gap - 1]
+    gap, line = tile // 6, max(2, tile // 10)
+    for y, x in np.argwhere(occluded):
+        box = [x * tile + gap, y * tile + gap, (x + 1) * tile - gap - 1, (y + 1) * tile - gap - 1]
         for ends in (box, [box[0], box[3], box[2], box[1]]):
             draw.line(ends, fill=(255, 255, 255), width=line + 2)
             draw.line(ends, fill=OCCLUDED, width=line)
-    v, u = centre_index(occluded.shape)
     frame = (u * tile, v * tile, (u + 1) * tile - 1, (v + 1) * tile - 1)
     draw.rectangle(frame, outline=CENTRE, width=max(2, tile // 10))
     return np.asarray(drawn)
+
+
+def _with_grey(pixels: np.ndarray) -> np.ndarray:
+    """Return the picture of pixels, of which those that are NaN are grey."""
+    return view_picture(np.where(np.isnan(pixels), OUTSIDE, pixels))

@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +15,13 @@ import numpy as np
 
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
+from occjax.estimators.driver import measured
 from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
 from occjax.io.maps import read_map
 from occjax.layout import registered
 from occjax.lightfield import LightField
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration, whole_grid
 from occjax.viewer.config import LOOPBACK, ViewerConfig
 from occjax.viewer.scene import ViewedResult, ViewedScene
 
@@ -113,14 +114,20 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
         for name, path, summary in zip(short_names(paths), paths, summaries, strict=True)
     )
     first = summaries[0] or {}
+    for path, summary in zip(paths, summaries, strict=True):
+        if summary is not None and summary.get("view") != first.get("view"):
+            raise InputError(
+                f"{path}: {_view_text(summary)}, but {paths[0]}: {_view_text(first)}; show results "
+                "of one view"
+            )
     if light_field is None:
         try:
-            light_field = _views_of(first, results[0].disparity.shape)
+            light_field = _views_of(first)
         except InputError as error:
             reason = f"the page has no views: {error}; --scene SCENE and its options name them"
             warnings.warn(reason, stacklevel=2)
     if light_field is not None:
-        light_field = registered(light_field)[0]
+        light_field = _around(light_field, first.get("view"))
     named = first.get("scene") or (light_field.name if light_field else paths[0].name)
     return ViewedScene(results, light_field, named, stored_calibration(first) if first else None)
 
@@ -152,7 +159,9 @@ def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = Non
     light_field = light_field or estimates[0].light_field
     if light_field is None:
         return ViewedScene(results)
-    return ViewedScene(results, registered(light_field)[0], light_field.name)
+    estimated = estimates[0].light_field
+    light_field = _around(light_field, None if estimated is None else estimated.view)
+    return ViewedScene(results, light_field, light_field.name)
 
 
 def _viewed(name: str, estimate: Estimate) -> ViewedResult:
@@ -213,20 +222,31 @@ def _map_of(path: Path) -> Path:
     return array if array.is_file() else path
 
 
-def _views_of(summary: Mapping[str, Any], image_size: tuple[int, ...]) -> LightField:
+def _around(light_field: LightField, view: Sequence[int] | None) -> LightField:
+    """Return the views, where the measurement found them, around the view that was estimated."""
+    if view is not None and light_field.view is None:
+        v, u = view
+        light_field = measured(light_field).around((v, u))
+    return registered(light_field)[0]
+
+
+def _view_text(summary: dict[str, Any]) -> str:
+    view = summary.get("view")
+    return f"is of the view ({view[0]}, {view[1]})" if view else "is of the centre view"
+
+
+def _views_of(summary: dict[str, Any]) -> LightField:
     """Read the views that were estimated, from where they were then."""
-    source, grid = summary.get("source"), summary.get("grid")
+    source = summary.get("source")
     if source is not None:
         light_field = load(source)
     elif summary.get("scene") == "sample":
         light_field = sample()
     else:
         raise InputError("the results do not say where they are")
-    if light_field.image_size != image_size:
+    if light_field.image_size != tuple(summary["image_size"]):
         raise InputError(f"those of {light_field.name} have another size")
-    if grid is not None and tuple(grid) != light_field.grid:
-        light_field = light_field.central(*grid)  # the estimate used only these views
-    return light_field
+    return light_field.central(*whole_grid(summary))  # the estimate used only these views
 
 
 def _has_display() -> bool:

@@ -250,8 +250,14 @@ class ViewPanel:
     def __init__(self, page: Page) -> None:
         assert page.scene.light_field is not None
         self.page, self._light_field = page, page.scene.light_field
-        rows, columns = self._light_field.grid
         v0, u0 = centre_index(self._light_field.grid)
+        usable = self._light_field.usable
+        if usable is None:
+            usable = np.ones(self._light_field.grid, bool)
+        # Around another view than the centre view, many places of the grid are empty.
+        v, u = (np.flatnonzero(usable.any(axis)) for axis in (1, 0))
+        self._first = int(v[0]), int(u[0])
+        rows, columns = int(np.ptp(v)) + 1, int(np.ptp(u)) + 1
         gui = page.server.gui
         gui.add_markdown(
             "A light field is a grid of photos, taken side by side. Move the sliders: near "
@@ -262,7 +268,7 @@ class ViewPanel:
             0,
             max(rows - 1, 1),
             1,
-            v0,
+            v0 - self._first[0],
             hint="0 is the highest camera.",
             disabled=rows == 1,
         )
@@ -271,7 +277,7 @@ class ViewPanel:
             0,
             max(columns - 1, 1),
             1,
-            u0,
+            u0 - self._first[1],
             hint="0 is the leftmost camera.",
             disabled=columns == 1,
         )
@@ -288,7 +294,8 @@ class ViewPanel:
 
     def _drawn(self) -> np.ndarray:
         rows, columns = self._light_field.grid
-        index = min(int(self.v.value), rows - 1), min(int(self.u.value), columns - 1)
+        v, u = int(self.v.value) + self._first[0], int(self.u.value) + self._first[1]
+        index = min(v, rows - 1), min(u, columns - 1)
         image = view_picture(self._light_field.views[index])
         y, x = self.page.selection.pixel
         if not np.isfinite(self.page.disparity):
@@ -405,15 +412,16 @@ class PixelPanel:
             )
             self._epi = gui.add_image(black, format="png")
             gui.add_markdown(
-                "One line of pixels of each view, stacked. A point draws a slanted line; the pink "
-                "line has the slope of its disparity, and should follow the texture."
+                "One line of pixels of each view, stacked; dark lines are brightened. A point "
+                "draws a slanted line; the pink line has the slope of its disparity, and should "
+                "follow the texture."
             )
         with gui.add_folder("Angular patch"):
             self._patch = gui.add_image(black, format="png")
             gui.add_markdown(
                 "The colour of the point in each view, one square per view. Crossed views see "
                 f"something else (occlusion map above {config.occluded_above:g}): an occluder, or "
-                "the disparity is wrong. The centre view has a yellow frame."
+                "the disparity is wrong. The view of the map has a yellow frame."
             )
         with gui.add_folder("Matching cost"):
             self._cost = gui.add_uplot(

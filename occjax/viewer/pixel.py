@@ -88,13 +88,18 @@ def sample_views(
 def angular_patch(light_field: LightField, y: int, x: int, disparity: float) -> np.ndarray:
     """Return the colour in which each view sees a point, ``[V, U, C]`` float32.
 
+    The colour is NaN in views that are not usable.
+
     Args:
         light_field: The views.
         y: Row in the centre view.
         x: Column in the centre view.
         disparity: Disparity of the point, pixels per view step.
     """
-    return sample_views(light_field, *np.array([[y], [x], [disparity]], np.float64))[:, :, 0]
+    patch = sample_views(light_field, *np.array([[y], [x], [disparity]], np.float64))[:, :, 0]
+    if light_field.usable is not None:
+        patch[~light_field.usable] = np.nan
+    return patch
 
 
 def patch_occlusion(patch: np.ndarray) -> np.ndarray:
@@ -164,15 +169,18 @@ def epipolar_image(
         radius_px: Number of pixels on each side of the picked one.
 
     Returns:
-        The lines of pixels, in the order of the positions of the views.
+        The lines of pixels of the usable views, in the order of their positions.
     """
     v0, u0 = centre_index(light_field.grid)
+    usable = light_field.usable
     if line == "row":
         strip, offsets = light_field.views[v0, :, y], light_field.offsets[v0, :, 1]
-        picked = x
+        usable, picked = None if usable is None else usable[v0], x
     else:
         strip, offsets = light_field.views[:, u0, :, x], light_field.offsets[:, u0, 0]
-        picked = y
+        usable, picked = None if usable is None else usable[:, u0], y
+    if usable is not None:
+        strip, offsets = strip[usable], offsets[usable]
     first = picked - radius_px
     indices = np.arange(first, picked + radius_px + 1)
     inside = (indices >= 0) & (indices < strip.shape[1])

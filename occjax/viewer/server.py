@@ -192,7 +192,11 @@ def _description(scene: ViewedScene) -> str:
     height, width = scene.image_size
     views = "without its views"
     if scene.light_field is not None:
-        views = "{}x{} views".format(*scene.light_field.grid)
+        rows, columns = scene.light_field.grid
+        views = f"{rows}x{columns} views"
+        if scene.light_field.view is not None:  # the grid is that around another view
+            at = "view ({}, {})".format(*scene.light_field.view)
+            views = f"{at} of {(rows + 1) // 2}x{(columns + 1) // 2} views"
     depth = "points in metres" if scene.calibration else "relief: depth without true scale"
     return (
         f"**{scene.name}**, {views} of {height}x{width} pixels, {depth}.\n\n"

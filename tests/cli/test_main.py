@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import occjax
-from occjax.cli.main import COMMANDS
+from occjax.cli.main import COMMANDS, SHELLS
 from occjax.models import PRESETS
 
 HEAVY = ("jax", "flax", "matplotlib", "scipy", "PIL", "tifffile")
@@ -55,8 +55,9 @@ def test_help_lists_all_commands(run):
         assert f"\n  {command} " in out
 
 
-def test_the_completion_script_knows_commands_and_options(run):
-    code, out, _ = run("--print-completion", "bash")
+@pytest.mark.parametrize("shell", SHELLS)
+def test_the_completion_script_knows_commands_and_options(run, shell):
+    code, out, _ = run("--print-completion", shell)
     assert not code  # SystemExit without a code
     assert "estimate" in out
     assert "--disparity-range" in out

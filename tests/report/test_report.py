@@ -139,6 +139,25 @@ def test_the_page_has_the_values_and_needs_nothing_else(page, results):
     assert little["camera"] is little["occlusion"] is None
 
 
+def test_a_view_that_is_not_the_centre_view_is_named(tmp_path):
+    # View (0, 1) of 3x5 views is the centre of 5x9 places, of which columns 3 to 7 have a view.
+    corner = estimate(occlusion=(5, 9), view=(0, 1), ground_truth=None)
+    corner.occlusion[...] = 1.0
+    corner.occlusion[2, 4] = 0.0
+    corner.save(tmp_path / "results", what="all")
+    write_report(tmp_path / "report.html", read_scenes((tmp_path / "results",)))
+    text = (tmp_path / "report.html").read_text("utf-8")
+    assert "3x5 views" in text
+    assert "<figcaption>View (0, 1)</figcaption>" in text
+    occlusion = Page(text).data[0]["occlusion"]
+    assert (occlusion["grid"], occlusion["centre"]) == ([3, 5], [0, 1])
+    encoded = occlusion["image"].removeprefix("data:image/jpeg;base64,")
+    mosaic = np.asarray(Image.open(io.BytesIO(base64.b64decode(encoded))))
+    height, width = SIZE
+    tiles = mosaic.reshape(3, height, 5, width).mean((1, 3))
+    np.testing.assert_allclose(tiles, 255 * (np.arange(15).reshape(3, 5) != 1), atol=3)
+
+
 def test_a_table_lists_several_scenes_with_their_scores(page, results):
     headings, full, little = Page(page.read_text("utf-8")).cells[:3]
     summary = read_summary(results[0] / "full/summary.json")

@@ -10,9 +10,11 @@ from occjax.data.config import AugmentationConfig
 from occjax.data.pool import read_sample, render_pool
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import to_device
+from occjax.data.scenes import Scene
 from occjax.data.transforms import transform_sample
 from occjax.errors import InputError
 from occjax.io.run_folder import read_description, write_description
+from occjax.lightfield import view_offsets
 from occjax.models import preset
 from occjax.models.proposal import RefinementConfig, SelectorConfig
 from occjax.training import prepared
@@ -25,6 +27,7 @@ from occjax.training.prepared import (
     prepared_source,
     unpack,
 )
+from occjax.view_selection import select_from_grid
 from tests.reference.variables import random_proposals
 
 NETWORK = preset("proposal_small")
@@ -188,3 +191,36 @@ def test_the_patch_with_most_correctable_pixels_is_used():
     covered = np.clip(places + 12 - 48, 0, 12) / 12
     assert abs(share - covered.max(1).mean()) < 0.06
     assert share > 2 * covered.mean()
+
+
+def test_scenes_of_folders_have_their_share(pool, tmp_path):
+    scenes = [flat_scene(disparity) for disparity in (5.0, 6.0)]  # in the pool at most 4
+    options = {"seed": 0, "augmentation": replace(AUGMENTATION, crop=(32, 32))}
+    parts = {"scenes": scenes, "weights": (1.0, 2.0)}
+    source = prepared_source([pool], tmp_path / "both", NETWORK, 3, **options, **parts)
+    scale = 1 / NETWORK.reach
+    for step in range(2):
+        means = np.sort(source(step).disparity.mean((1, 2))) / scale
+        assert means[0] < 4.0
+        np.testing.assert_allclose(means[1:], [5.0, 6.0], atol=1e-5)
+    alone = prepared_source([], tmp_path / "alone", NETWORK, 2, **options, scenes=scenes)
+    np.testing.assert_allclose(np.sort(alone(0).disparity.mean((1, 2))) / scale, [5, 6], atol=1e-5)
+    changed = [flat_scene(1.0), scenes[1]]
+    with pytest.raises(InputError, match=r"scene_checksums\.0_flat is"):
+        prepared_source([], tmp_path / "alone", NETWORK, 2, **options, scenes=changed)
+    with pytest.raises(InputError, match="no light fields to prepare"):
+        prepared_source([], tmp_path / "none", NETWORK, 2, **options)
+
+
+def flat_scene(disparity):
+    shape, offsets = (32, 32), view_offsets(3, 3)
+    views = np.random.default_rng(0).integers(0, 256, (3, 3, *shape, 3), np.uint8)
+    selected = select_from_grid(offsets, NETWORK.views)
+    return Scene(
+        name="flat",
+        views=views[selected],
+        offsets=offsets[selected],
+        disparity=np.full(shape, disparity, np.float32),
+        valid=np.ones(shape, bool),
+        masked=False,
+    )

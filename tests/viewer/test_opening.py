@@ -1,5 +1,6 @@
 """From folders of results and estimates to a scene."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,7 +10,7 @@ from occjax.errors import InputError
 from occjax.estimators import Estimate
 from occjax.io import write_pfm
 from occjax.results.outputs import OutputOptions, write_outputs
-from occjax.viewer import read_scene
+from occjax.viewer import open_viewer, read_scene
 from tests.scenes import plane
 
 
@@ -51,6 +52,24 @@ def test_the_views_are_read_from_where_the_summary_says(tmp_path, light_field, e
     source.unlink()
     with pytest.warns(UserWarning, match="--scene SCENE"):
         assert read_scene([tmp_path / "out"]).light_field is None
+
+
+def test_another_view_is_shown_with_the_views_around_it(tmp_path, light_field, estimate):
+    np.save(tmp_path / "views.npy", light_field.views)
+    whole = dataclasses.replace(light_field, source=tmp_path / "views.npy")
+    write_outputs(estimate, whole.around((0, 2)), tmp_path / "corner", OutputOptions(("maps",)))
+    for given in (None, whole):
+        scene = read_scene([tmp_path / "corner"], given)
+        np.testing.assert_array_equal(scene.light_field.centre, light_field.views[0, 2])
+        assert scene.light_field.usable.sum() == 9
+    with open_viewer(scene, open_browser=False) as viewer:
+        # The sliders have the rows and columns of the light field, and start at the view.
+        assert (viewer.view.v.value, viewer.view.v.max) == (0, 2)
+        assert (viewer.view.u.value, viewer.view.u.max) == (2, 2)
+        viewer.wait_until_idle()
+    write_outputs(estimate, whole, tmp_path / "centre", OutputOptions(("maps",)))
+    with pytest.raises(InputError, match=r"of the view \(0, 2\), but .* of the centre view"):
+        read_scene([tmp_path / "centre", tmp_path / "corner"])
 
 
 def test_what_cannot_be_shown_is_named(tmp_path):

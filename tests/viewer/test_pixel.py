@@ -75,6 +75,26 @@ def test_the_epipolar_plane_image_has_one_line_of_pixels_of_each_view(light_fiel
                 )
 
 
+def test_views_that_are_missing_are_left_out(light_field):
+    corner = light_field.around((0, 4))  # rows 4 to 8 and columns 0 to 4 of a 9x9 grid
+    epi = epipolar_image(corner, 15, 20, "row", radius_px=4)
+    np.testing.assert_array_equal(epi.offsets, np.arange(-4.0, 1.0))
+    np.testing.assert_array_equal(epi.pixels, light_field.views[0, :, 15, 16:25])
+    patch = angular_patch(corner, 15, 20, DISPARITY)
+    assert np.isfinite(patch).all(-1).sum() == 25
+    drawn = patch_picture(patch, np.ones((9, 9), bool), width=150)
+    assert drawn.shape == (150, 150, 3)
+    framed = (drawn == CENTRE).all(-1)
+    assert framed[:30, -30:].any()
+    assert framed.sum() == framed[:30, -30:].sum()
+
+
+def test_a_dark_epipolar_plane_image_is_brightened():
+    pixels = np.full((3, 9, 3), 0.1, np.float32)
+    drawn = epipolar_picture(EpipolarImage(pixels, np.arange(-1.0, 2.0), 0), 4, np.nan)
+    assert (drawn == 179).all()
+
+
 def test_the_slope_line_passes_through_the_point_in_each_view():
     epi = EpipolarImage(np.zeros((5, 81, 3), np.float32), np.arange(-2.0, 3.0), 60)
     drawn = epipolar_picture(epi, 100, -6.0, width=648)  # 8 pixels for each value

@@ -110,7 +110,7 @@ async function showOcclusion(section, occlusion) {
   function draw() {
     const [v, u] = sliders.map((slider) => Number(slider.value));
     canvas.getContext("2d").drawImage(mosaic, u * width, v * height, width, height, 0, 0, width, height);
-    const centre = v === occlusion.centre[0] && u === occlusion.centre[1] ? ", the centre view" : "";
+    const centre = v === occlusion.centre[0] && u === occlusion.centre[1] ? ", the estimated view" : "";
     section.querySelector(".view").textContent = `(${v}, ${u})${centre}`;
   }
   for (const slider of sliders) slider.addEventListener("input", draw);
