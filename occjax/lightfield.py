@@ -267,6 +267,12 @@ class LightField:
                 f"not {list(self.views.shape)}; reshape or transpose them, for example a list of "
                 "views by views.reshape(V, U, *views.shape[1:])"
             )
+        if self.view is None and all(np.greater(self.grid, self.image_size)):
+            raise InputError(
+                f"{self.name}: views have the shape {list(self.views.shape)}, a grid of more rows "
+                "and columns than the views have pixels; transpose them to [V, U, H, W] or "
+                "[V, U, H, W, C]"
+            )
         if self.views.size == 0 or not self._has_unit_values():
             raise InputError(
                 f"{self.name}: views must be uint8, uint16 or finite floating point in [0, 1], "

@@ -74,6 +74,12 @@ def test_unsupported_types_and_values_are_refused(views):
         LightField(views, name="scene")
 
 
+@pytest.mark.parametrize("shape", [(32, 32, 5, 5), (32, 30, 5, 7, 3)])
+def test_arrays_of_pixels_before_views_are_refused(shape):
+    with pytest.raises(InputError, match=r"more rows and columns than the views have pixels; tran"):
+        LightField(np.zeros(shape, np.uint8))
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
