@@ -147,10 +147,9 @@ def _read_light_field(
         elif "axes" not in stored.attributes and views.shape[2] > views.shape[3]:
             # Light fields whose rows and columns are all exchanged are as consistent.
             warnings.warn(
-                f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}] with upright "
-                "images; if they lie on their side, it is "
-                f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as "
-                "[V, U, H, W, C]",
+                f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}], images "
+                "higher than wide; if they lie on their side, it is "
+                f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as [V, U, H, W, C]",
                 GridWarning,
                 stacklevel=3,
             )

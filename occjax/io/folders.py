@@ -70,7 +70,7 @@ def read_folder(
         GridWarning: If the grid is guessed from the number of views or from the photo-consistency,
             or if views are missing, cannot be decoded, or have another size than the others.
     """
-    folder = Path(folder)
+    folder, declared = Path(folder), layout is not None or pattern is not None
     config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
     layout, named = find_views(
         str(folder),
@@ -96,7 +96,7 @@ def read_folder(
             doubt = f"{named.guess or ''}, though {other[0]}x{other[1]} fits about as well"
             named = dataclasses.replace(named, guess=doubt)
     if grid is None and config is None and positions is None:
-        _check_frames(folder, named, views, present)
+        _check_frames(folder, named, views, present, declared=declared)
     if named.guess is not None:
         warnings.warn(
             f"{folder}: {math.prod(named.grid)} views taken as {named.grid[0]}x{named.grid[1]}"
@@ -226,11 +226,13 @@ def _decodable(paths: dict[tuple[int, int], Path], centre: tuple[int, int]) -> n
     raise first
 
 
-def _check_frames(folder: Path, named: NamedViews, views: np.ndarray, present: np.ndarray) -> None:
+def _check_frames(
+    folder: Path, named: NamedViews, views: np.ndarray, present: np.ndarray, *, declared: bool
+) -> None:
     """Refuse several frames of numbered cameras, which look like a grid by their names.
 
     The first or the second number of the names may be that of the frame. Warn if the frames explain
-    the images about as well as the grid.
+    the images about as well as the grid, unless the user has declared what the names mean.
     """
     sample = next(iter(named.matches.values()))
     if "i" in sample.groupdict() or min(named.grid) < 2:
@@ -241,7 +243,7 @@ def _check_frames(folder: Path, named: NamedViews, views: np.ndarray, present: n
     for axis, camera in enumerate("uv"):
         frames, *arrays = (array.swapaxes(0, axis) for array in (views, present, offsets))
         grid, clear = _grid_of_frames(frames, *arrays)
-        if grid is None:
+        if grid is None or (declared and not clear):
             continue
         name = f"{sample.string[: sample.start(camera)]}{{i}}{sample.string[sample.end(camera) :]}"
         rows, columns = grid

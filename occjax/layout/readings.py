@@ -26,7 +26,8 @@ class BestReading(NamedTuple):
     Attributes:
         number: Its index.
         clear: Whether all others are less consistent by the factor ``clearly_worse_ratio``.
-        alike: Whether another one is as consistent, up to the factor ``alike_ratio``.
+        alike: Whether another one is as consistent, up to the factor ``alike_ratio``. False if
+            there is nothing to compare: views without texture, or copies of one view.
     """
 
     number: int
@@ -74,7 +75,7 @@ def best_reading(
         clear = bool(differs and second > config.clearly_worse_ratio * scores[best])
         if clear or max(views.shape[1:3]) <= size:
             break
-    alike = not (differs and second > config.alike_ratio * scores[best])
+    alike = bool(config.noise_floor < second < config.alike_ratio * scores[best])
     return BestReading(best, clear, alike)
 
 

@@ -88,12 +88,13 @@ def test_the_number_of_the_camera_may_come_before_that_of_the_frame(tmp_path, vi
         load_unchecked(tmp_path)
 
 
-def test_frames_of_a_blank_scene_are_named_as_another_reading(tmp_path):
-    """Views without texture are as consistent as three frames of 2x2 cameras."""
-    blank = np.full((3, 4, 24, 24), 90, np.uint8)
-    save_views(tmp_path, blank, lambda v, u: f"wall_{v:03d}_{u:02d}.png")
+def test_frames_that_explain_the_images_as_well_are_named(tmp_path):
+    """Noise is as consistent as three frames of 2x2 cameras."""
+    noise = np.random.default_rng(0).integers(0, 255, (3, 4, 24, 24), np.uint8)
+    save_views(tmp_path, noise, lambda v, u: f"wall_{v:03d}_{u:02d}.png")
     with pytest.warns(GridWarning, match=r"one 3x4 grid, but 3 frames of 2x2 .* 'wall_000_\{i\}"):
         assert load_unchecked(tmp_path).grid == (3, 4)
+    assert load_unchecked(tmp_path, pattern="wall_{v}_{u}.png").grid == (3, 4)
 
 
 def test_several_scenes_may_be_one_with_other_names(tmp_path, views):
