@@ -29,7 +29,7 @@ def test_white_is_one_for_every_type(dtype, white, channels):
 )
 def test_a_central_grid_keeps_the_centre_view(grid, inner):
     v, u = np.mgrid[: grid[0], : grid[1]]
-    views = np.broadcast_to((10 * v + u)[..., None, None, None], (*grid, 2, 2, 1)).astype(np.uint8)
+    views = np.broadcast_to((10 * v + u)[..., None, None, None], (*grid, 9, 9, 1)).astype(np.uint8)
     positions = np.stack([v - grid[0] // 2, u - grid[1] // 2], axis=-1).astype(np.float32)
     usable = (v + u) % 2 == sum(np.array(grid) // 2) % 2
     light_field = LightField(views, positions=positions, usable=usable)
