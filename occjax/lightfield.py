@@ -32,6 +32,9 @@ GREY_WEIGHTS = (0.299, 0.587, 0.114)
 MIN_VIEW_SIZE_PX = 3
 """Smallest height and width, in pixels, of a view that is read from files."""
 
+MIN_SWAPPED_SIZE = 8
+"""Rows and columns of views from which a grid larger than its views is taken for their pixels."""
+
 
 def centre_index(grid: tuple[int, ...]) -> tuple[int, int]:
     """Return the index ``(v0, u0)`` of the centre view of a grid.
@@ -266,6 +269,13 @@ class LightField:
                 f"{self.name}: views must be [V, U, H, W] or [V, U, H, W, C] with C of 1 or 3, "
                 f"not {list(self.views.shape)}; reshape or transpose them, for example a list of "
                 "views by views.reshape(V, U, *views.shape[1:])"
+            )
+        swapped = min(self.grid) >= MIN_SWAPPED_SIZE and all(np.greater(self.grid, self.image_size))
+        if swapped and self.view is None:
+            raise InputError(
+                f"{self.name}: views have the shape {list(self.views.shape)}, a grid of more rows "
+                "and columns than the views have pixels; transpose them to [V, U, H, W] or "
+                "[V, U, H, W, C]"
             )
         if self.views.size == 0 or not self._has_unit_values():
             raise InputError(

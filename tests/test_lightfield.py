@@ -29,7 +29,7 @@ def test_white_is_one_for_every_type(dtype, white, channels):
 )
 def test_a_central_grid_keeps_the_centre_view(grid, inner):
     v, u = np.mgrid[: grid[0], : grid[1]]
-    views = np.broadcast_to((10 * v + u)[..., None, None, None], (*grid, 2, 2, 1)).astype(np.uint8)
+    views = np.broadcast_to((10 * v + u)[..., None, None, None], (*grid, 9, 9, 1)).astype(np.uint8)
     positions = np.stack([v - grid[0] // 2, u - grid[1] // 2], axis=-1).astype(np.float32)
     usable = (v + u) % 2 == sum(np.array(grid) // 2) % 2
     light_field = LightField(views, positions=positions, usable=usable)
@@ -72,6 +72,12 @@ def test_grey_views_get_their_channel_axis():
 def test_unsupported_types_and_values_are_refused(views):
     with pytest.raises(InputError, match=r"scene: views must be uint8, uint16 or finite"):
         LightField(views, name="scene")
+
+
+@pytest.mark.parametrize("shape", [(32, 32, 5, 5), (32, 30, 5, 7, 3)])
+def test_arrays_of_pixels_before_views_are_refused(shape):
+    with pytest.raises(InputError, match=r"more rows and columns than the views have pixels; tran"):
+        LightField(np.zeros(shape, np.uint8))
 
 
 @pytest.mark.parametrize(

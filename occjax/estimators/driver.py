@@ -69,7 +69,7 @@ def estimate(
 
     Raises:
         InputError: If model, weights, range and light field do not fit together, if there is no
-            such view, if the light field is a path, or an array in the order ``[H, W, V, U]``.
+            such view, or if the light field is a path.
 
     Example:
         >>> from occjax.data.bundled_sample import sample
@@ -81,12 +81,6 @@ def estimate(
         raise InputError(f"{light_field} is a path; pass occjax.load({str(light_field)!r})")
     if not isinstance(light_field, LightField):
         light_field = LightField(np.asarray(light_field))
-        if all(np.greater(light_field.grid, light_field.image_size)):
-            raise InputError(
-                f"views have the shape {list(light_field.views.shape)}, a grid of more rows and "
-                "columns than the views have pixels; transpose them to [V, U, H, W] or "
-                "[V, U, H, W, C], or pass an occjax.LightField if that is right"
-            )
     if view is not None and all_views:
         raise InputError("pass view or all_views, not both")
     if view is not None:

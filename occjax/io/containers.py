@@ -34,6 +34,8 @@ CONTAINER_SUFFIXES = (".h5", ".hdf5", ".mat")
 KNOWN_KEYS = ("LF", "Hr_SAI_y")
 """Names of the views in the old HCI benchmark and in sets for super-resolution."""
 
+_TRANSPOSED = str.maketrans("VUHW", "UVWH")
+
 
 @dataclass(frozen=True)
 class StoredArray:
@@ -139,6 +141,15 @@ def _read_light_field(
             warnings.warn(
                 f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}]; "
                 "save it as [V, U, H, W, C] if that is wrong",
+                GridWarning,
+                stacklevel=3,
+            )
+        elif "axes" not in stored.attributes and views.shape[2] > views.shape[3]:
+            # Light fields whose rows and columns are all exchanged are as consistent.
+            warnings.warn(
+                f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}], images "
+                "higher than wide; if they lie on their side, it is "
+                f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as [V, U, H, W, C]",
                 GridWarning,
                 stacklevel=3,
             )

@@ -25,6 +25,7 @@ from occjax.io.images import (
 )
 from occjax.io.layouts import FolderLayout, Layout, Mosaic
 from occjax.io.mosaics import read_mosaic
+from occjax.io.positions import warn_of_unit
 from occjax.io.view_files import ViewFiles
 from occjax.layout import (
     Orientation,
@@ -93,8 +94,9 @@ def load(
     Warns:
         ViewOrderWarning: If another view order is clearly better, none is consistent, or the ground
             truth is upside down, mirrored or has the opposite sign.
-        GridWarning: If the grid, the pattern of the names or the order of axes is guessed, or if
-            views are missing.
+        GridWarning: If the grid, the pattern of the names or the order of axes is guessed, if the
+            images allow another reading of them, if views are missing, or if the unit of positions
+            in an ``.npz`` is no view step.
         UserWarning: If views of high dynamic range are tone-mapped.
 
     Example:
@@ -117,7 +119,8 @@ def load(
     with reading(path):
         path.stat()
     stored, files = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
-    if grid is not None and layout != "quilt" and stored.grid != tuple(grid):
+    mosaic = files is None and path.suffix.lower() in IMAGE_SUFFIXES  # a quilt has another grid
+    if grid is not None and not mosaic and layout != "quilt" and stored.grid != tuple(grid):
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
             "leave out grid"
@@ -183,7 +186,10 @@ def _read(
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
     suffix = path.suffix.lower()
     if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
-        return read_arrays(path, key=key), None
+        light_field = read_arrays(path, key=key)
+        if light_field.positions is not None:
+            warn_of_unit(path, light_field.positions)
+        return light_field, None
     if layout == "hdf5" or (layout is None and suffix in CONTAINER_SUFFIXES):
         return read_container(path, key=key, grid=grid), None
     if layout in get_args(Mosaic) or (layout is None and suffix in IMAGE_SUFFIXES):

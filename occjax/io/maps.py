@@ -12,6 +12,7 @@ from PIL import Image
 from occjax.errors import InputError
 from occjax.io.arrays import read_npy
 from occjax.io.atomic import atomic_path
+from occjax.io.files import reading
 from occjax.io.images import read_image
 from occjax.io.pfm import read_pfm, write_pfm
 from occjax.io.png import read_value_png, write_value_png
@@ -73,6 +74,8 @@ def read_map(
         ('depth', [[1.0, 2.0]])
     """
     path = Path(path)
+    with reading(path):
+        path.stat()
     if path.is_dir():
         path = _disparity_file(path)
     suffix = path.suffix.lower()

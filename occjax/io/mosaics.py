@@ -10,6 +10,7 @@ top right one. A file name with ``qs8x6`` states 8 columns and 6 rows of tiles.
 from __future__ import annotations
 
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.io.images import read_image
 from occjax.io.layouts import Mosaic
+from occjax.io.naming import GridWarning
+from occjax.layout.readings import best_reading, places
 from occjax.lightfield import MIN_VIEW_SIZE_PX
 
 MIN_SEAM_RATIO = 1.3
@@ -46,6 +49,9 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
     Raises:
         InputError: If the grid is missing or does not divide the image, or the arrangement cannot
             be detected.
+
+    Warns:
+        GridWarning: If tiles are read as a quilt because of their photo-consistency.
     """
     named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem, re.IGNORECASE)
     if kind == "quilt" or (kind is None and named):
@@ -54,21 +60,45 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
             raise InputError(f"{path}: a quilt needs its tiles; pass grid (--grid ROWS COLUMNS)")
         return split_quilt(read_image(path), tiles)
     if grid is None:
-        raise InputError(f"{path}: one image of all views needs the grid; pass grid (--grid V U)")
+        raise InputError(
+            f"{path}: one image of all views needs the grid; pass grid (--grid V U), of a quilt "
+            "with layout (--layout quilt --grid ROWS COLUMNS)"
+        )
     image = read_image(path)
-    height, width = _view_size(image, grid, f"{path}: ")
+    remedy = "" if kind else "; if it is a quilt, pass layout (--layout quilt)"
+    height, width = _view_size(image, grid, f"{path}: ", remedy)
     if min(height, width) < MIN_VIEW_SIZE_PX:
         raise InputError(
             f"{path}: {image.shape[0]}x{image.shape[1]} pixels leave {height}x{width} for each of "
             f"{grid[0]}x{grid[1]} views; pass the right grid (--grid V U)"
         )
-    kind = kind or detect_mosaic(image, grid)
-    if kind is None:
+    detected = kind or detect_mosaic(image, grid)
+    if detected is None:
         raise InputError(
             f"{path}: cannot tell tiled views from a MacPI image; "
             "pass layout (--layout tiled, or macpi)"
         )
-    return split_tiles(image, grid) if kind == "tiled" else split_macpi(image, grid)
+    if detected == "macpi":
+        return split_macpi(image, grid)
+    views = split_tiles(image, grid)
+    if kind is None and min(grid) > 1 and _is_quilt(views):
+        warnings.warn(
+            f"{path}: read as a quilt of {grid[0]}x{grid[1]} tiles, a row of {grid[0] * grid[1]} "
+            "views, by photo-consistency; pass layout (--layout tiled) if that is wrong",
+            GridWarning,
+            stacklevel=4,
+        )
+        return split_quilt(image, grid)
+    return views
+
+
+def _is_quilt(views: np.ndarray) -> bool:
+    """Return whether tiles are one row of views, from the bottom left one, rather than a grid."""
+    rows, columns = views.shape[:2]
+    line = places((1, rows * columns)).reshape(rows, columns, 2)[::-1].reshape(-1, 2)
+    tiles = views.reshape(-1, *views.shape[2:])
+    best = best_reading(tiles, [places((rows, columns)), line])
+    return best.number == 1 and best.clear
 
 
 def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
@@ -145,13 +175,15 @@ def _has_dark_views(image: np.ndarray, grid: tuple[int, int]) -> bool:
     return bool(brightness.min() < MAX_DARK_RATIO * brightness.max())
 
 
-def _view_size(image: np.ndarray, grid: tuple[int, int], prefix: str = "") -> tuple[int, int]:
+def _view_size(
+    image: np.ndarray, grid: tuple[int, int], prefix: str = "", remedy: str = ""
+) -> tuple[int, int]:
     """Return ``(H, W)`` of the views in an image of all views."""
     (rows, columns), (height, width) = grid, image.shape[:2]
     if height % rows or width % columns:
         raise InputError(
             f"{prefix}{height}x{width} pixels are not a multiple of the {rows}x{columns} grid; "
-            "pass the right grid (--grid V U) or crop the image"
+            f"pass the right grid (--grid V U) or crop the image{remedy}"
         )
     return height // rows, width // columns
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,11 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.io.arrays import check_positions, read_npy
 from occjax.io.files import decoding
-from occjax.io.naming import NamedViews
+from occjax.io.naming import GridWarning, NamedViews
 from occjax.lightfield import centre_index
+
+MIN_VIEW_STEP = 0.3
+"""Distance of neighbouring cameras below which, or above whose inverse, it is no view step."""
 
 
 def read_positions(folder: Path, named: NamedViews) -> tuple[NamedViews, np.ndarray | None]:
@@ -92,6 +96,30 @@ def relative_to_centre(positions: np.ndarray, unit: float) -> np.ndarray:
     """Return ``[V, U, 2]`` float32 positions relative to the centre view, in this unit."""
     centre = positions[centre_index(positions.shape[:2])]
     return ((positions - centre) / unit).astype(np.float32)
+
+
+def warn_of_unit(path: Path, positions: np.ndarray) -> None:
+    """Warn if positions that are used as they are seem to be in another unit than view steps.
+
+    Args:
+        path: File that they come from.
+        positions: ``[V, U, 2]`` positions ``(row, column)``.
+
+    Warns:
+        GridWarning: If the mean spacing of rows and of columns is far from 1.
+
+    Example:
+        >>> warn_of_unit(Path("scene.npz"), np.indices((3, 3)).transpose(1, 2, 0))
+    """
+    step = max(abs(_step(positions, axis, c)) for axis in (0, 1) for c in (0, 1))
+    if not MIN_VIEW_STEP < step < 1 / MIN_VIEW_STEP:
+        warnings.warn(
+            f"{path}: neighbouring cameras are {step:.4g} apart in positions, which are used as "
+            "they are: disparity is in pixels per unit of them; divide positions by this number "
+            "to have it per view step",
+            GridWarning,
+            stacklevel=4,
+        )
 
 
 def _step(positions: np.ndarray, axis: int, component: int) -> float:

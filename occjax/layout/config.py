@@ -94,6 +94,8 @@ class ViewOrderConfig:
     Attributes:
         view_steps: Distances from the centre view, in views, of the views that are compared on each
             arm of the cross. Near views allow large disparities, far views give precision.
+        nearest_views: Number of views next to the centre view that are compared under each reading
+            of the places of the views.
         coarse_size_px: Maximum length of the shorter image side in the search over all disparities.
         fine_size_px: Maximum length of the shorter image side in the final measurement.
         brightness_percentile: Percentile of the grey values of the centre view that is its
@@ -117,6 +119,8 @@ class ViewOrderConfig:
         noise_floor: Mean grey differences that differ by less than this count as equal.
         clearly_worse_ratio: Ratio of two mean grey differences above which one is clearly worse.
             Correct and wrong view orders of real light fields differ by factors of 1.4 to 4.
+        alike_ratio: Ratio of two mean grey differences below which both readings of the names of
+            the views are possible. Real light fields reach at least 1.1 for the wrong one.
         window_radii_px: Radii of the additional mean of the cost in which disparities are measured.
             Weak texture needs large windows, thin surfaces need small ones.
         clear_minimum: Ratio of lowest to mean cost below which a disparity is reliable, whatever
@@ -157,6 +161,7 @@ class ViewOrderConfig:
     """
 
     view_steps: tuple[int, ...] = (1, 2, 4)
+    nearest_views: int = 8
     coarse_size_px: int = 96
     fine_size_px: int = 256
     brightness_percentile: float = 98.0
@@ -172,6 +177,7 @@ class ViewOrderConfig:
     cost_radii_px: tuple[int, ...] = (3, 2, 1)
     noise_floor: float = 0.05 / 255
     clearly_worse_ratio: float = 1.15
+    alike_ratio: float = 1.05
     window_radii_px: tuple[int, ...] = (0, 3, 8)
     clear_minimum: float = 0.5
     significance: float = 5.0

@@ -250,16 +250,60 @@ def _start_arm(cross: Cross, arm: Arm, axis: int, candidates: np.ndarray) -> lis
     """Start the comparison of one arm, moving along one image axis, with the centre view.
 
     Returns:
-        ``[CANDIDATES_PER_CALL, h, w]`` parts of the cost volume; the last candidate is repeated to
-        fill the last part.
+        Parts of the cost volume, see :func:`_volumes`.
     """
     n = len(arm.images)
     offsets = np.zeros((n, 2), np.float32)
     offsets[:, axis] = arm.offsets / cross.scale
     radius = cross.config.cost_radii_px[n - 1]
+    return _volumes(cross.centre, arm.images, offsets, candidates, radius)
+
+
+def lowest_cost(
+    centre: np.ndarray,
+    images: np.ndarray,
+    offsets: np.ndarray,
+    candidates: np.ndarray,
+    config: ViewOrderConfig,
+) -> np.ndarray:
+    """Return the ``[h, w]`` lowest mean grey difference of all images from the centre view.
+
+    Args:
+        centre: ``[h, w]`` grey centre view.
+        images: ``[n, h, w]`` grey views.
+        offsets: ``[n, 2]`` motion of each view per pixel of disparity.
+        candidates: ``[d]`` disparities.
+        config: Settings; the local mean is that for arms of many views.
+    """
+    radius = config.high_pass_radius_px
+    centre = centre - box_mean(centre, radius)
+    images = np.stack([image - box_mean(image, radius) for image in images])
+    offsets = offsets.astype(np.float32)
+    return np.min(
+        [
+            np.asarray(part).min(0)
+            for part in _volumes(centre, images, offsets, candidates, config.cost_radii_px[-1])
+        ],
+        axis=0,
+    )
+
+
+def _volumes(
+    centre: np.ndarray,
+    images: np.ndarray,
+    offsets: np.ndarray,
+    candidates: np.ndarray,
+    radius: int,
+) -> list[Array]:
+    """Start the comparison of images with the centre view at all candidates.
+
+    Returns:
+        ``[CANDIDATES_PER_CALL, h, w]`` parts of the cost volume; the last candidate is repeated to
+        fill the last part.
+    """
     padded = np.pad(candidates, (0, -len(candidates) % CANDIDATES_PER_CALL), mode="edge")
     return [
-        _arm_volume(cross.centre, arm.images, offsets, np.float32(part), radius=radius)
+        _arm_volume(centre, images, offsets, np.float32(part), radius=radius)
         for part in padded.reshape(-1, CANDIDATES_PER_CALL)
     ]
 

@@ -13,7 +13,8 @@ from typing import Literal
 
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.orientation import straightened
-from occjax.lightfield import LightField, centre_index
+from occjax.layout.readings import best_reading
+from occjax.lightfield import LightField, centre_index, view_offsets
 
 Disorder = Literal["serpentine", "centre"]
 """Every second row runs backwards, or the centre view is not in its place."""
@@ -68,21 +69,21 @@ def find_disorder(
     """
     if min(light_field.grid) < 2 or light_field.positions is not None:
         return None
+    regular = view_offsets(*light_field.grid)
     usable = light_field.usable
-    straight = dataclasses.replace(
-        light_field,
-        views=straightened(light_field.views),
-        usable=None if usable is None else straightened(usable),
+    serpentine = best_reading(
+        light_field.views.reshape(-1, *light_field.views.shape[2:]),
+        [regular.reshape(-1, 2), straightened(regular).reshape(-1, 2)],
+        config,
+        usable=None if usable is None else usable.reshape(-1),
     )
+    if serpentine.number == 1 and serpentine.clear:
+        return "serpentine"
 
-    def scores(views: LightField, axis: int) -> list[float]:
-        part = recentred(views, axis)
+    def scores(axis: int) -> list[float]:
+        part = recentred(light_field, axis)
         return [] if part is None else [score(part[0])]
 
-    below = scores(light_field, 0)
-    largest = max([declared, *below]) / config.disorder_ratio
-    if largest > score(straight) and largest > max(scores(straight, 0), default=0.0):
-        return "serpentine"
     # The view that was exchanged with the centre view may be the neighbour in one direction.
-    elsewhere = min([*below, *scores(light_field, 1)], default=declared)
+    elsewhere = min([*scores(0), *scores(1)], default=declared)
     return "centre" if declared > config.disorder_ratio * elsewhere else None

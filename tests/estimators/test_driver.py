@@ -85,12 +85,6 @@ def test_path_is_refused_with_the_call_that_reads_it(tmp_path):
         estimate(str(tmp_path / "scene.npz"))
 
 
-@pytest.mark.parametrize("shape", [(32, 32, 5, 5), (32, 32, 5, 5, 3)])
-def test_arrays_of_pixels_before_views_are_refused(shape):
-    with pytest.raises(InputError, match=r"more rows and columns than the views have pixels; tran"):
-        estimate(np.zeros(shape, np.uint8))
-
-
 def test_light_fields_of_one_shape_are_compiled_once(estimators, scene, monkeypatch):
     run_estimator(estimators["photometric"], scene, disparity_range=RANGE)
     loaded, load = [], programs.load_or_compile

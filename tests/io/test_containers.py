@@ -1,6 +1,7 @@
 """HDF5 and .mat files: the order of axes, the camera, and the choice among several arrays."""
 
 import sys
+import warnings
 
 import h5py
 import numpy as np
@@ -175,3 +176,17 @@ def test_numeric_arrays_of_mat_files_are_those_that_scipy_reads(tmp_path, compre
     for name, array in found.items():
         assert array.dtype == expected[name].dtype
         np.testing.assert_array_equal(array, expected[name])
+
+
+@pytest.mark.parametrize(("order", "told"), [("UVWHC", True), ("VUHWC", False)])
+def test_images_that_may_lie_on_their_side_are_told(tmp_path, order, told):
+    """A light field whose rows and columns are all exchanged is as consistent."""
+    axes = ["VUHWC".index(letter) for letter in order]
+    scipy.io.savemat(tmp_path / "scene.mat", {"LF": VIEWS.transpose(axes)})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load(tmp_path / "scene.mat", check_orientation=False)
+    messages = [str(warning.message) for warning in caught]
+    assert ["if they lie on their side, it is [U, V, W, H, C]" in m for m in messages] == [
+        True
+    ] * told

@@ -129,3 +129,8 @@ def test_normals_are_kept_as_floats(tmp_path):
     assert header == b"PF\n3 2\n"
     top_row = np.frombuffer(body, "<f4").reshape(2, 3, 3)[1]
     np.testing.assert_array_equal(top_row, NORMALS[0])
+
+
+def test_a_missing_folder_of_results_is_named_as_missing(tmp_path):
+    with pytest.raises(InputError, match="scene: there is no such file or folder"):
+        read_map(tmp_path / "scene")

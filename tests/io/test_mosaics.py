@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from occjax.errors import InputError
-from occjax.io import join_macpi, join_tiles, load, split_macpi, split_tiles
+from occjax.io import GridWarning, join_macpi, join_tiles, load, split_macpi, split_tiles
 from occjax.io.mosaics import detect_mosaic
 from tests.io.scenes import two_planes
 
@@ -80,3 +80,18 @@ def test_a_quilt_needs_its_tiles(tmp_path):
     Image.fromarray(np.zeros((20, 20), np.uint8)).save(tmp_path / "bee.png")
     with pytest.raises(InputError, match=r"a quilt needs its tiles; pass grid \(--grid ROWS COL"):
         load(tmp_path / "bee.png", layout="quilt")
+
+
+def test_a_quilt_without_its_name_is_told_from_a_grid(tmp_path):
+    views = np.round(two_planes((1, 12), (40, 48), far=-0.2, near=0.5)[0] * 255).astype(np.uint8)
+    quilt = join_tiles(views.reshape(3, 4, *views.shape[2:])[::-1])
+    Image.fromarray(quilt).save(tmp_path / "bee.png")
+    with pytest.warns(
+        GridWarning, match=r"a quilt of 3x4 tiles, .* pass layout \(--layout tiled\)"
+    ):
+        loaded = load(tmp_path / "bee.png", grid=(3, 4), check_orientation=False)
+    np.testing.assert_array_equal(loaded.views, views)
+    with pytest.raises(InputError, match="--layout quilt --grid ROWS COLUMNS"):
+        load(tmp_path / "bee.png")
+    with pytest.raises(InputError, match="if it is a quilt, pass layout"):
+        load(tmp_path / "bee.png", grid=(3, 5))

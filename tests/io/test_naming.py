@@ -63,6 +63,40 @@ def test_several_frames_are_no_grid(tmp_path, views, frames):
     assert load_unchecked(tmp_path, grid=(frames, 16)).grid == (frames, 16)
 
 
+@pytest.mark.parametrize(
+    ("cameras", "frames"), [((2, 2), 4), ((3, 3), 9), ((2, 3), 5), ((1, 3), 3), ((1, 2), 5)]
+)
+def test_frames_of_any_grid_are_no_light_field(tmp_path, views, cameras, frames):
+    rows, columns = cameras
+    for frame in range(frames):
+        cells = views[1 : 1 + rows, 1 : 1 + columns]
+        save_views(tmp_path, cells, lambda v, u, f=frame: f"s_{f:03d}_{columns * v + u:02d}.png")
+    message = f"has {frames} frames of {rows}x{columns} views"
+    with pytest.raises(InputError, match=message) as refused:
+        load_unchecked(tmp_path)
+    grid = "" if rows == columns else f" --grid {rows} {columns}"
+    assert "--pattern 's_000_{i}.png'" + grid in str(refused.value)
+
+
+def test_the_number_of_the_camera_may_come_before_that_of_the_frame(tmp_path, views):
+    for frame in range(5):
+        save_views(
+            tmp_path, views[1:3, 1:4], lambda v, u, f=frame: f"s_{3 * v + u:03d}_{f:02d}.png"
+        )
+    message = r"has 5 frames of 2x3 views .*'s_\{i\}_00\.png' --grid 2 3"
+    with pytest.raises(InputError, match=message):
+        load_unchecked(tmp_path)
+
+
+def test_frames_that_explain_the_images_as_well_are_named(tmp_path):
+    """Noise is as consistent as three frames of 2x2 cameras."""
+    noise = np.random.default_rng(0).integers(0, 255, (3, 4, 24, 24), np.uint8)
+    save_views(tmp_path, noise, lambda v, u: f"wall_{v:03d}_{u:02d}.png")
+    with pytest.warns(GridWarning, match=r"one 3x4 grid, but 3 frames of 2x2 .* 'wall_000_\{i\}"):
+        assert load_unchecked(tmp_path).grid == (3, 4)
+    assert load_unchecked(tmp_path, pattern="wall_{v}_{u}.png").grid == (3, 4)
+
+
 def test_several_scenes_may_be_one_with_other_names(tmp_path, views):
     folder = save_views(tmp_path, views, lambda v, u: f"a{v}b{u}_{u}_{v}.png")
     with pytest.raises(InputError, match=r"of several scenes .* or pass pattern .*'a\{v\}b\{u\}_"):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.io import load
+from occjax.io import GridWarning, load
 from occjax.lightfield import view_offsets
 
 
@@ -89,3 +89,12 @@ def test_a_declared_spacing_becomes_positions(folder):
     np.save(folder / "positions.npy", expected)
     with pytest.raises(InputError, match="leave out spacing"):
         read(folder, spacing=(20.0, 10.0))
+
+
+@pytest.mark.parametrize("unit", [0.01, 12.5])
+def test_positions_of_an_array_in_another_unit_are_told(tmp_path, unit):
+    views = np.zeros((3, 4, 8, 8), np.uint8)
+    np.savez(tmp_path / "scene.npz", views=views, positions=unit * view_offsets(3, 4))
+    with pytest.warns(GridWarning, match=f"cameras are {unit:.4g} apart in positions, which are"):
+        read_array = load(tmp_path / "scene.npz", check_orientation=False)
+    np.testing.assert_allclose(read_array.positions, unit * view_offsets(3, 4), rtol=1e-6)
