@@ -14,6 +14,8 @@ os.environ.setdefault(
 )
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# The threads of BLAS wait actively, and the products of the tests are small.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 

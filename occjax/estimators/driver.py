@@ -73,9 +73,9 @@ def estimate(
 
     Example:
         >>> from occjax.data.bundled_sample import sample
-        >>> result = estimate(sample().central(3, 3), disparity_range=(-1.0, 1.0))
-        >>> result.disparity.shape == sample().image_size
-        True
+        >>> views = sample().views[3:6, 3:6, :48, :48]
+        >>> estimate(views, disparity_range=(-1.0, 1.0)).disparity.shape
+        (48, 48)
     """
     if isinstance(light_field, str | Path):
         raise InputError(f"{light_field} is a path; pass occjax.load({str(light_field)!r})")
@@ -129,9 +129,8 @@ def run_estimator(
 
     Example:
         >>> from occjax.data.bundled_sample import sample
-        >>> light_field = sample().central(3, 3)
-        >>> photometric = make_estimator("photometric")
-        >>> result = run_estimator(photometric, light_field, disparity_range=(-1.0, 1.0))
+        >>> light_field = LightField(sample().views[3:6, 3:6, :48, :48])
+        >>> result = run_estimator(make_estimator(), light_field, disparity_range=(-1.0, 1.0))
         >>> sorted(result.seconds)
         ['compile', 'prepare', 'run']
     """
@@ -222,11 +221,11 @@ def export_estimator(
 
     Example:
         >>> from occjax.data.bundled_sample import sample
-        >>> light_field = sample().central(3, 3)
+        >>> light_field = LightField(sample().views[3:6, 3:6, :48, :48])
         >>> photometric = make_estimator("photometric")
         >>> exported = export_estimator(photometric, light_field, disparity_range=(-1.0, 1.0))
         >>> [shape.shape for shape in exported.in_avals]
-        [(3, 3, 256, 256)]
+        [(3, 3, 48, 48)]
     """
     if importlib.util.find_spec("flatbuffers") is None:  # jax.export serialises with it
         raise InputError("an export needs flatbuffers; run pip install 'occjax[export]'")

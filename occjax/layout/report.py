@@ -153,8 +153,8 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         InputError: If there is only one view, or all camera positions are the same.
 
     Example:
-        >>> columns = np.random.default_rng(0).random(80, np.float32)
-        >>> rows = np.random.default_rng(1).random(80, np.float32)
+        >>> columns = np.random.default_rng(0).random(48, np.float32)
+        >>> rows = np.random.default_rng(1).random(48, np.float32)
         >>> wall = np.add.outer(rows, columns)[None, ..., None] / 2
         >>> views = np.stack([[np.roll(wall[0], (-v, -u), (0, 1)) for u in (-1, 0, 1)]
         ...                   for v in (-1, 0, 1)])  # disparity 1 everywhere
@@ -277,7 +277,7 @@ def registered(light_field: LightField) -> tuple[LightField, tuple[str, ...]]:
         carries its report.
 
     Example:
-        >>> columns = np.random.default_rng(0).random((60, 60), np.float32)
+        >>> columns = np.random.default_rng(0).random((48, 48), np.float32)
         >>> wall = LightField(np.stack([np.roll(columns, -2 * u, 1) for u in (-1, 0, 1)])[None])
         >>> registered(wall)[1]
         ()
@@ -377,7 +377,7 @@ def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tu
             positions are the same.
 
     Example:
-        >>> views = np.zeros((3, 3, 16, 16, 1), np.uint8)
+        >>> views = np.zeros((3, 3, 48, 48, 1), np.uint8)
         >>> disparity_range_of(LightField(views, disparity_range=(-1.0, 2.0)))
         ((-1.0, 2.0), ())
         >>> disparity_range_of(LightField(views))[0]

@@ -114,10 +114,10 @@ def scenes_from_folders(folders: Sequence[str | Path]) -> list[LightField]:
 
     Example:
         >>> import tempfile
-        >>> from occjax.data.bundled_sample import sample
         >>> from occjax.io import write_arrays
+        >>> views, truth = np.zeros((1, 1, 4, 6, 1), np.uint8), np.zeros((4, 6), np.float32)
         >>> path = Path(tempfile.mkdtemp()) / "cotton.npz"
-        >>> write_arrays(path, sample().central(3, 3))
+        >>> write_arrays(path, LightField(views, ground_truth=truth))
         >>> scenes_from_folders([path])[0].name
         'cotton'
     """

@@ -7,14 +7,21 @@ WAVES = np.random.default_rng(7).uniform(-1.0, 1.0, (40, 4))
 
 
 def texture(y, x, waves=WAVES):
-    """Band-limited pattern in [0, 1] at any real position: ``[..., 3]``."""
+    """Band-limited pattern in [0, 1] at real rows ``[h]`` and columns ``[w]``: ``[h, w, 3]``.
+
+    With sin(a + b) = sin(a) cos(b) + cos(a) sin(b), the sum of waves is a matrix product.
+    """
     rows, columns, phase, colour = waves.T
-    angle = np.multiply.outer(y, rows * 0.9) + np.multiply.outer(x, columns * 0.9) + 6.3 * phase
     tint = np.stack([np.ones_like(colour), colour, -colour], axis=-1)
-    return np.clip(0.5 + 0.12 * np.sin(angle) @ tint, 0.0, 1.0)
+    a = np.multiply.outer(y, rows * 0.9)
+    b = np.multiply.outer(x, columns * 0.9) + 6.3 * phase
+    down = np.concatenate([np.sin(a), np.cos(a)], axis=-1)
+    across = np.concatenate([np.cos(b), np.sin(b)], axis=-1)[..., None] * np.tile(tint, (2, 1))
+    sines = np.tensordot(down, across, (1, 1))
+    return np.clip(0.5 + 0.12 * sines, 0.0, 1.0)
 
 
-def two_planes(grid=(5, 5), size=(96, 96), far=-1.0, near=1.5, positions=None, shifts=None):
+def two_planes(grid=(5, 5), size=(64, 64), far=-1.0, near=1.5, positions=None, shifts=None):
     """A square in front of a wall, both textured, as floating point views and exact disparity.
 
     Cameras stand at ``positions`` instead of the places of the grid; the content of each view is
@@ -25,10 +32,10 @@ def two_planes(grid=(5, 5), size=(96, 96), far=-1.0, near=1.5, positions=None, s
     wall.
     """
     (rows, columns), (h, w) = grid, size
-    y, x = np.mgrid[:h, :w].astype(float)
+    y, x = np.arange(h, dtype=float), np.arange(w, dtype=float)
 
     def on_square(y, x):
-        return (abs(y - h / 2) < h / 4) & (abs(x - w / 2) < w / 4)
+        return np.logical_and.outer(abs(y - h / 2) < h / 4, abs(x - w / 2) < w / 4)
 
     def view(v, u):
         dv, du = (v - rows // 2, u - columns // 2) if positions is None else positions[v, u]

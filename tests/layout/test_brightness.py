@@ -13,7 +13,7 @@ from tests.io.scenes import two_planes
 @pytest.fixture(scope="module")
 def scene():
     """5x5 views of two planes of disparity -1 and 1.5, no brighter than 0.75."""
-    views, disparity = two_planes()
+    views, disparity = two_planes(size=(96, 96))
     return LightField(0.75 * views, ground_truth=disparity)
 
 

@@ -23,7 +23,7 @@ def test_the_nearer_surface_is_in_front_even_if_its_disparity_edge_is_too_wide(s
     """Block matching gives pixels of the wall next to the square the disparity of the square."""
     cross, disparity = scene
     near = box_mean((disparity > 0).astype(np.float32), spread) > 1e-3
-    assert near.sum() == (48 - 1 + 2 * spread) ** 2
+    assert near.sum() == (32 - 1 + 2 * spread) ** 2
     spread_out = np.where(near, disparity.max(), disparity.min()).astype(np.float32)
     assert nearer_in_front(cross, spread_out, Orientation()) > 0.8
     assert nearer_in_front(cross, -spread_out, Orientation().reversed_sign) < 0.2

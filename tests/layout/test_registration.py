@@ -1,5 +1,7 @@
 """Spacing, shifts and camera positions of views, measured on scenes with closed-form truth."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -42,20 +44,20 @@ def test_declared_positions_are_obeyed():
     assert "the view columns are 2 times as far apart as declared" in note
 
 
-@pytest.mark.parametrize("size", [0.5, 1.0])
-def test_random_shifts_of_all_views_are_undone(size):
-    shifts = np.random.default_rng(3).uniform(-size, size, PLACES.shape)
+def test_random_shifts_of_all_views_are_undone():
+    shifts = np.random.default_rng(3).uniform(-1.0, 1.0, PLACES.shape)
     shifts[2, 2] = 0.0
-    report = check(LightField(two_planes(shifts=shifts)[0]))
+    light_field = LightField(two_planes(shifts=shifts)[0])
+    report = check(light_field)
     found = report.registration.shifts
     assert not found[2, 2].any()
     assert np.abs(proportional(found) - proportional(shifts)).max() < 0.1
     assert not report.clearly_worse
-    result, (note,) = registered(LightField(two_planes(shifts=shifts)[0]))
+    result, (note,) = registered(dataclasses.replace(light_field, view_order_report=report))
     assert "shifted against the grid by up to" in note
     inner = np.s_[:, :, 8:-8, 8:-8]
     exact = two_planes(shifts=shifts - found)[0][inner]
-    before = np.abs(two_planes(shifts=shifts)[0][inner] - exact).mean()
+    before = np.abs(light_field.views[inner] - exact).mean()
     assert np.abs(result.views[inner] - exact).mean() < 0.3 * before
 
 

@@ -35,6 +35,11 @@ def scene():
     return LightField(two_planes()[0], name="two planes")
 
 
+@pytest.fixture(scope="module")
+def report(scene):
+    return check(scene)
+
+
 @pytest.mark.parametrize("stored", ORIENTATIONS, ids=lambda orientation: orientation.name)
 def test_each_of_the_eight_view_orders_is_recognised(scene, stored):
     report = check(stored.apply(scene))
@@ -47,13 +52,13 @@ def test_each_of_the_eight_view_orders_is_recognised(scene, stored):
     assert report.scores[report.best.name] == min(report.scores.values())
 
 
-def test_the_range_encloses_the_scene_with_a_small_margin(scene):
-    low, high = check(scene).disparity_range
+def test_the_range_encloses_the_scene_with_a_small_margin(report):
+    low, high = report.disparity_range
     assert -1.0 - 0.5 <= low < -1.0
     assert 1.5 < high <= 1.5 + 0.5
 
 
-@pytest.mark.parametrize(("contrast", "noise"), [(1.0, 0.03), (0.3, 0.02), (0.1, 0.008)])
+@pytest.mark.parametrize(("contrast", "noise"), [(1.0, 0.03), (0.1, 0.008)])
 def test_weak_texture_and_noise_do_not_narrow_the_range(scene, contrast, noise):
     rng = np.random.default_rng(0)
     weak = 0.5 + contrast * (scene.views - 0.5) + rng.normal(0, noise, scene.views.shape)
@@ -63,15 +68,14 @@ def test_weak_texture_and_noise_do_not_narrow_the_range(scene, contrast, noise):
 
 
 @pytest.mark.parametrize("gain", [1 / 16, 1 / 200])
-def test_nothing_depends_on_the_exposure(scene, gain):
+def test_nothing_depends_on_the_exposure(scene, report, gain):
     """Sensors of 12 bits stored in 16 use a sixteenth of the type."""
-    bright = check(scene)
     dark = check(LightField(np.rint(scene.views * gain * 65535).astype(np.uint16)))
     assert dark.best == DECLARED
     assert dark.conclusive
-    assert dark.sign_known == bright.sign_known
-    np.testing.assert_allclose(dark.disparity_range, bright.disparity_range, atol=0.15)
-    for name, score in bright.scores.items():
+    assert dark.sign_known == report.sign_known
+    np.testing.assert_allclose(dark.disparity_range, report.disparity_range, atol=0.15)
+    for name, score in report.scores.items():
         np.testing.assert_allclose(dark.scores[name], gain * score, rtol=0.2)
 
 
@@ -106,9 +110,9 @@ def test_occlusion_shows_that_a_row_of_views_is_reversed():
     assert report.best.flip_columns
 
 
-def test_without_occlusion_the_sign_stays_as_declared(scene):
+def test_without_occlusion_the_sign_stays_as_declared():
     """A slanted wall hides nothing: both signs are equally consistent."""
-    y, x = np.mgrid[:96, :96].astype(float)
+    y = x = np.arange(96.0)
     offsets = range(-2, 3)
     views = np.stack([[texture(y + 1.3 * v, x + 1.3 * u) for u in offsets] for v in offsets])
     for stored in (DECLARED, DECLARED.reversed_sign):
@@ -121,7 +125,7 @@ def test_without_occlusion_the_sign_stays_as_declared(scene):
         assert low < true < high
 
 
-@pytest.mark.parametrize("value", [0, 17, 255])
+@pytest.mark.parametrize("value", [0, 255])
 def test_views_without_texture_are_not_called_wrong(value):
     report = check(LightField(np.full((5, 5, 40, 48, 3), value, np.uint8)))
     assert report.best == DECLARED
@@ -131,7 +135,7 @@ def test_views_without_texture_are_not_called_wrong(value):
     assert report.plausible
 
 
-@pytest.mark.parametrize("size", [32, 64, 96])
+@pytest.mark.parametrize("size", [32, 64])
 def test_pure_noise_is_not_called_wrong_but_implausible(size):
     noise = np.random.default_rng(0).integers(0, 256, (5, 5, size, size, 1), np.uint8)
     report = check(LightField(noise))
@@ -162,15 +166,11 @@ def test_a_mosaic_taken_apart_wrongly_is_not_conclusive(join, split):
 
 def test_vignetting_and_noise_do_not_matter(scene):
     rng = np.random.default_rng(0)
-    v, u, y, x = np.ogrid[-2:3, -2:3, -1:1:96j, -1:1:96j]
+    v, u, y, x = np.ogrid[-2:3, -2:3, -1:1:64j, -1:1:64j]
     shade = 1 - 0.05 * ((v / 2 + y) ** 2 + (u / 2 + x) ** 2)
     views = scene.views * shade[..., None] + rng.normal(0, 0.02, scene.views.shape)
     worn = LightField(np.clip(views, 0, 1).astype(np.float32))
-    for stored in (
-        DECLARED,
-        Orientation(flip_rows=True),
-        Orientation(flip_columns=True, swap=True),
-    ):
+    for stored in (DECLARED, Orientation(flip_columns=True, swap=True)):
         assert stored.then(check(stored.apply(worn)).best) == DECLARED
 
 
@@ -193,14 +193,26 @@ def test_positions_that_are_all_the_same_are_refused(scene):
 
 
 @pytest.mark.slow
+def test_a_real_light_field_is_recognised_rotated(shared):
+    """The synthetic scene has all eight orders."""
+    light_field = load(shared / "data/lytro/2067", check_orientation=False)
+    stored = Orientation(flip_rows=True, swap=True)
+    report = check(stored.apply(light_field))
+    assert stored.then(report.best) == DECLARED
+    assert report.clearly_worse
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013", "lytro/2067"])
-def test_real_light_fields_are_recognised_in_other_view_orders(shared, scene):
-    """As declared and rotated; the synthetic scene has all eight orders."""
+def test_real_light_fields_are_as_declared_and_the_range_encloses_the_truth(shared, scene):
     light_field = load(shared / "data" / scene, check_orientation=False)
-    for stored in (DECLARED, Orientation(flip_rows=True, swap=True)):
-        report = check(stored.apply(light_field))
-        assert stored.then(report.best) == DECLARED, stored.name
-        assert report.clearly_worse == (stored != DECLARED), stored.name
+    report = check(light_field)
+    assert report.best == DECLARED
+    assert not report.clearly_worse
+    if scene != "lytro/2067":
+        truth, (low, high) = light_field.ground_truth, report.disparity_range
+        assert truth.min() - 0.5 < low < np.percentile(truth, 0.5)
+        assert np.percentile(truth, 99.5) < high < truth.max() + 0.5
 
 
 @pytest.mark.slow
@@ -208,13 +220,9 @@ def test_real_light_fields_are_recognised_in_other_view_orders(shared, scene):
     ("scene", "crop"),
     [
         ("hci/antinous", np.s_[2:7, 2:7]),
-        ("lytro/2067", np.s_[2:7, 2:7]),
-        ("rendered/s013", np.s_[3:6, 3:6]),
         ("lytro/2067", np.s_[3:6, 3:6]),
-        ("hci/antinous", np.s_[::4, ::4]),
         ("rendered/s013", np.s_[::4, ::4]),
         ("hci/antinous", np.s_[4:5, 3:6]),
-        ("rendered/s013", np.s_[4:5, 3:6]),
         ("lytro/2067", np.s_[4:5, 3:6]),
     ],
 )
@@ -225,15 +233,6 @@ def test_small_crops_of_real_grids_are_called_wrong_only_if_swapped(shared, scen
     report = check(Orientation(swap=True).apply(small))
     assert report.clearly_worse
     assert report.best.swap
-
-
-@pytest.mark.parametrize("scene", ["hci/antinous", "rendered/s013"])
-def test_the_range_of_real_light_fields_encloses_the_truth(shared, scene):
-    light_field = load(shared / "data" / scene, check_orientation=False)
-    truth = read_pfm(shared / "data" / scene / "gt_disp_lowres.pfm")
-    low, high = check(light_field).disparity_range
-    assert truth.min() - 0.5 < low < np.percentile(truth, 0.5)
-    assert np.percentile(truth, 99.5) < high < truth.max() + 0.5
 
 
 @pytest.mark.slow
@@ -247,17 +246,16 @@ def test_the_range_of_real_light_fields_encloses_the_truth(shared, scene):
         ("rendered/s013", 72, 47),
     ],
 )
-@pytest.mark.parametrize("noise", [0.0, 4 / 255])
-def test_the_range_of_crops_encloses_the_truth_in_spite_of_noise(shared, scene, row, column, noise):
+def test_the_range_of_crops_encloses_the_truth_in_spite_of_noise(shared, scene, row, column):
     crop = np.s_[row : row + 128, column : column + 128]
     views = load(shared / "data" / scene, check_orientation=False).views[:, :, *crop] / 255
     truth = read_pfm(shared / "data" / scene / "gt_disp_lowres.pfm")[crop]
-    noisy = views + np.random.default_rng(0).normal(0, noise, views.shape) if noise else views
+    noisy = views + np.random.default_rng(0).normal(0, 4 / 255, views.shape)
     low, high = check(LightField(np.clip(noisy, 0, 1).astype(np.float32))).disparity_range
     assert np.mean((truth < low) | (truth > high)) < 0.01
 
 
-@pytest.mark.parametrize("grid", [(3, 3), (5, 5), (9, 9)])
+@pytest.mark.parametrize("grid", [(3, 3), (9, 9)])
 def test_repeated_texture_and_few_views_do_not_widen_the_range(grid):
     """The wood grain of the sample repeats after six pixels."""
     light_field = sample().central(*grid)
@@ -269,7 +267,7 @@ def test_repeated_texture_and_few_views_do_not_widen_the_range(grid):
 
 def test_a_tiny_crop_raises_no_false_alarm(shared):
     views = load(shared / "data/rendered/s013", check_orientation=False).views
-    for row, column in np.random.default_rng(0).integers(0, 140, (12, 2)):
+    for row, column in np.random.default_rng(0).integers(0, 140, (6, 2)):
         crop = views[:, :, row : row + 32, column : column + 32]
         assert not check(LightField(np.ascontiguousarray(crop))).clearly_worse
 
@@ -358,23 +356,24 @@ def test_serpentine_order_is_proposed(grid):
     assert "pass --order serpentine" in format_report(report, DECLARED)
 
 
-@pytest.mark.parametrize("other", [(2, 3), (0, 0)])
-def test_a_swapped_centre_view_is_the_misplaced_one(scene, other):
-    views = scene.views.copy()
-    views[2, 2], views[other] = scene.views[other], scene.views[2, 2]
-    report = check(LightField(views))
-    assert report.disorder == "centre"
-    assert report.position_notes[0].startswith("the centre view (2, 2) is not in its place")
-    assert report.registration is not None
-    moved = {tuple(index) for index in np.argwhere(report.registration.moved).tolist()}
+@pytest.mark.parametrize(
+    ("other", "size"), [((2, 3), 64), pytest.param((0, 0), 96, marks=pytest.mark.slow)]
+)
+def test_a_swapped_centre_view_is_the_misplaced_one(report, other, size):
+    in_place, _ = two_planes(size=(size, size))
+    views = in_place.copy()
+    views[2, 2], views[other] = in_place[other], in_place[2, 2]
+    found = check(LightField(views))
+    assert found.disorder == "centre"
+    assert found.position_notes[0].startswith("the centre view (2, 2) is not in its place")
+    assert found.registration is not None
+    moved = {tuple(index) for index in np.argwhere(found.registration.moved).tolist()}
     assert (2, 2) in moved <= {(2, 2), other}
     regular = view_offsets(5, 5)
     expected = regular - regular[other]
-    at_place = ~report.registration.moved
-    np.testing.assert_allclose(
-        report.registration.positions[at_place], expected[at_place], atol=0.1
-    )
-    assert report.disparity_range == pytest.approx(check(scene).disparity_range, abs=0.3)
+    at_place = ~found.registration.moved
+    np.testing.assert_allclose(found.registration.positions[at_place], expected[at_place], atol=0.1)
+    assert found.disparity_range == pytest.approx(report.disparity_range, abs=0.3)
 
 
 def test_the_neighbours_of_the_centre_view_may_be_exchanged(scene):
@@ -389,5 +388,5 @@ def test_the_neighbours_of_the_centre_view_may_be_exchanged(scene):
     np.testing.assert_allclose(found, [[1, 0], [-1, 0]], atol=0.1)
 
 
-def test_clean_views_have_no_disorder(scene):
-    assert check(scene).disorder is None
+def test_clean_views_have_no_disorder(report):
+    assert report.disorder is None

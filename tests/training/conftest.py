@@ -1,5 +1,6 @@
 """Batches of textured planes of known disparity, and networks that compile fast."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from occjax.lightfield import view_offsets
 from occjax.models import AggregationConfig, FeatureConfig, OccCasNetConfig, StageConfig, preset
 from occjax.models.proposal import SelectorConfig
 from occjax.training import OptimiserConfig, TrainConfig
+from occjax.training.prepared import DISPARITY_STEPS, PackedProposals, PreparedSample
 from tests.scenes import plane
 
 _STAGE = {"aggregation": AggregationConfig(width=4, pairs=0), "attention": False}
@@ -41,6 +43,25 @@ def planes(step, count=2, size=(12, 14)):
         visibility=jnp.ones((count, 3, 3, *size), bool),
         valid=jnp.ones((count, *size), bool),
     )
+
+
+def prepared_batch(count=2, size=(16, 16)):
+    """Return random proposals, of which one at a known place is correct at every pixel."""
+    generator = np.random.default_rng(4)
+    truth = generator.uniform(-1.0, 1.0, (count, *size)).astype(np.float32)
+    proposed = truth[:, None] + generator.choice([-0.4, 0.3], (count, 10, *size))
+    proposed[:, 3] = truth
+    costs = np.full((count, 10, 13, *size), 200, np.uint8)
+    costs[:, 3] = 20
+    packed = PackedProposals(
+        centre=np.full(truth.shape, 100, np.uint8),
+        disparity=proposed[:, 0].astype(np.float32),
+        proposed=np.rint(DISPARITY_STEPS * proposed).astype(np.int16),
+        costs=costs,
+        log_variance=np.zeros(truth.shape, np.float16),
+        peak_probability=np.ones(truth.shape, np.float16),
+    )
+    return jax.tree.map(jnp.asarray, PreparedSample(packed, truth, np.ones(truth.shape, bool)))
 
 
 @pytest.fixture(scope="session")

@@ -21,9 +21,8 @@ from occjax.training import (
     task_of,
     train_step,
 )
-from occjax.training.prepared import DISPARITY_STEPS, PackedProposals, PreparedSample
 from tests.reference.variables import random_variables
-from tests.training.conftest import PROPOSAL_NETWORK
+from tests.training.conftest import PROPOSAL_NETWORK, prepared_batch
 
 compute_errors = jax.jit(selection_errors, static_argnums=3)
 
@@ -93,25 +92,6 @@ def test_unknown_disparities_leave_the_gradient_finite(selection):
     gradients = jax.jit(jax.grad(loss, (0, 1)))(selection.disparity, selection.probabilities)
     for gradient in gradients:
         assert np.isfinite(gradient).all()
-
-
-def prepared_batch(count=2, size=(16, 16)):
-    """Return random proposals, of which one at a known place is correct at every pixel."""
-    generator = np.random.default_rng(4)
-    truth = generator.uniform(-1.0, 1.0, (count, *size)).astype(np.float32)
-    proposed = truth[:, None] + generator.choice([-0.4, 0.3], (count, 10, *size))
-    proposed[:, 3] = truth
-    costs = np.full((count, 10, 13, *size), 200, np.uint8)
-    costs[:, 3] = 20
-    packed = PackedProposals(
-        centre=np.full(truth.shape, 100, np.uint8),
-        disparity=proposed[:, 0].astype(np.float32),
-        proposed=np.rint(DISPARITY_STEPS * proposed).astype(np.int16),
-        costs=costs,
-        log_variance=np.zeros(truth.shape, np.float16),
-        peak_probability=np.ones(truth.shape, np.float16),
-    )
-    return jax.tree.map(jnp.asarray, PreparedSample(packed, truth, np.ones(truth.shape, bool)))
 
 
 @pytest.mark.slow

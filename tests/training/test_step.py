@@ -1,7 +1,6 @@
 """The training step: gradients over the batch, moving average, several devices, bfloat16."""
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -18,10 +17,9 @@ from occjax.training import (
     train_step,
 )
 from occjax.training.placement import make_placement
-from occjax.training.prepared import PreparedSample, pack, propose
 from occjax.training.step import state_from_variables
 from tests.reference.variables import random_variables
-from tests.training.conftest import PROPOSAL_NETWORK, planes
+from tests.training.conftest import PROPOSAL_NETWORK, prepared_batch
 
 
 def distance(one, other):
@@ -125,9 +123,9 @@ def norm(tree):
 
 @pytest.mark.slow
 @pytest.mark.skipif(jax.device_count() < 2, reason="there is one device")
-@pytest.mark.parametrize("shard_state", [False, True])
-def test_two_devices_compute_what_one_does(three_steps, six_steps, source, shard_state):
-    placement = make_placement(2, devices=2, shard_state=shard_state)
+def test_two_devices_with_a_sharded_state_compute_what_one_does(three_steps, six_steps, source):
+    """``test_several_devices`` has devices that each hold the whole state."""
+    placement = make_placement(2, devices=2, shard_state=True)
     state = placement.place_state(first_state(six_steps))
     batch = placement.place_batch(source(0))
     state, metrics = train_step(state, batch, config=six_steps, placement=placement)
@@ -168,17 +166,11 @@ def test_a_sharded_state_is_divided_along_its_largest_axis_that_can_be():
 
 @pytest.mark.slow
 def test_micro_batches_give_the_gradient_of_the_whole_batch():
-    """Without BatchNorm, and although the pixels that count differ from sample to sample.
-
-    The proposals are given. Their search decides between candidates, so that rounding, which
-    differs between the two programs, would change some of them.
-    """
+    """Without BatchNorm, and although the pixels that count differ from sample to sample."""
     config = TrainConfig(PROPOSAL_NETWORK, LossConfig(settled=0.2, distribution=0.3), steps=6)
-    light_fields = planes(0, count=4, size=(32, 32))
-    search = partial(propose, network=PROPOSAL_NETWORK)
-    proposals, truth = jax.jit(partial(jax.lax.map, search))(light_fields)
-    valid = light_fields.valid & (np.arange(32) >= np.array([0, 8, 16, 24])[:, None, None])
-    batch = PreparedSample(jax.vmap(pack)(proposals), truth, valid)
+    batch = prepared_batch(count=4)
+    valid = np.arange(16) >= np.array([0, 4, 8, 12])[:, None, None]
+    batch = batch._replace(valid=batch.valid & valid)
     results = [
         train_step(
             first_state(config), batch, config=dataclasses.replace(config, accumulate=accumulate)

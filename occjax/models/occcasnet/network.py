@@ -55,8 +55,8 @@ class OccCasNet(nn.Module):
         >>> from occjax.models import preset
         >>> network = OccCasNet(preset("tiny"))
         >>> views = jnp.zeros((3, 3, 16, 16))
-        >>> variables = jax.jit(network.init)(jax.random.key(0), views)
-        >>> [stage.disparity.shape for stage in jax.jit(network.apply)(variables, views)]
+        >>> stages, variables = jax.jit(network.init_with_output)(jax.random.key(0), views)
+        >>> [stage.disparity.shape for stage in stages]
         [(16, 16), (16, 16)]
     """
 

@@ -57,7 +57,8 @@ def flatten_planar_surfaces(
     Example:
         >>> ramp = 0.01 * jnp.tile(jnp.arange(64.0), (64, 1))
         >>> wavy = ramp + 0.01 * jnp.sin(jnp.arange(64.0) / 3)[:, None]
-        >>> flat = flatten_planar_surfaces(wavy, jnp.full((64, 64), 1e3), PlanarConfig())
+        >>> flatten = jax.jit(flatten_planar_surfaces, static_argnames="config")
+        >>> flat = flatten(wavy, jnp.full((64, 64), 1e3), config=PlanarConfig())
         >>> bool(jnp.abs(flat - ramp).max() < 0.003)
         True
     """
