@@ -1,8 +1,8 @@
 """Two disorders of the views that the cross of views around the centre view cannot tell.
 
 In serpentine order every second row runs backwards; the row and the column of the centre view may
-be consistent nevertheless. A centre view that is not in its place makes all others look misplaced.
-Both show when a neighbour of the centre view is taken as the centre.
+be consistent nevertheless, but not all views near it are. A centre view that is not in its place
+makes all others look misplaced, until a neighbour is taken as the centre.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import dataclasses
 from collections.abc import Callable
 from typing import Literal
 
+import numpy as np
+
 from occjax.layout.config import ViewOrderConfig
-from occjax.layout.orientation import straightened
+from occjax.layout.orientation import Orientation, straightened
 from occjax.layout.readings import best_reading
 from occjax.lightfield import LightField, centre_index, view_offsets
 
@@ -53,6 +55,7 @@ def recentred(light_field: LightField, axis: int) -> tuple[LightField, int] | No
 def find_disorder(
     light_field: LightField,
     declared: float,
+    best: Orientation,
     score: Callable[[LightField], float],
     config: ViewOrderConfig,
 ) -> Disorder | None:
@@ -61,6 +64,7 @@ def find_disorder(
     Args:
         light_field: At least two rows and columns of views, without camera positions.
         declared: Inconsistency of the views in the order in which they are.
+        best: The most consistent of the eight view orders.
         score: Returns the inconsistency of other views in their order.
         config: Settings.
 
@@ -71,13 +75,18 @@ def find_disorder(
         return None
     regular = view_offsets(*light_field.grid)
     usable = light_field.usable
-    serpentine = best_reading(
+    orders = [regular]
+    if best != Orientation():  # A grid whose rows run backwards is half right in serpentine order.
+        swapped = regular[..., ::-1] if best.swap else regular
+        orders.append(np.where([best.flip_rows, best.flip_columns], -swapped, swapped))
+    orders.append(straightened(regular))
+    reading = best_reading(
         light_field.views.reshape(-1, *light_field.views.shape[2:]),
-        [regular.reshape(-1, 2), straightened(regular).reshape(-1, 2)],
+        [order.reshape(-1, 2) for order in orders],
         config,
         usable=None if usable is None else usable.reshape(-1),
     )
-    if serpentine.number == 1 and serpentine.clear:
+    if reading.clear and reading.number == len(orders) - 1:
         return "serpentine"
 
     def scores(axis: int) -> list[float]:

@@ -175,7 +175,7 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         return _measure(views, config).report.scores[DECLARED.name]
 
     declared = measured.report.scores[DECLARED.name]
-    disorder = find_disorder(light_field, declared, score, config)
+    disorder = find_disorder(light_field, declared, measured.report.best, score, config)
     if disorder == "serpentine":
         return dataclasses.replace(report, disorder=disorder, best=DECLARED, clearly_worse=False)
     if disorder == "centre":
