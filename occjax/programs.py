@@ -27,6 +27,8 @@ import pickle
 import platform
 import stat
 import sys
+import tempfile
+import time
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -39,8 +41,6 @@ import jaxlib
 import platformdirs
 from jax.experimental import serialize_executable
 
-from occjax.io.atomic import atomic_path, remove_remains
-
 MAX_CACHE_BYTES = 200_000_000
 """Size of the cache above which the programs that were not used for longest are removed."""
 
@@ -48,6 +48,11 @@ MAX_LOADED_PROGRAMS = 16
 """Programs of one function that a process keeps in memory for each device, of different shapes."""
 
 SUFFIX = ".program"
+
+TEMPORARY_SUFFIX = ".temporary"
+
+MAX_WRITING_SECONDS = 3600.0
+"""Age above which a temporary file is taken for that of a killed process, and removed."""
 
 _WITHOUT_EFFECT = ("cache", "default_device", "dump", "explain", "log", "traceback")
 """Words in the names of options of JAX on which programs do not depend."""
@@ -211,7 +216,7 @@ def clear_cache() -> None:
 def _entries(folder: Path) -> list[tuple[int, int, Path]]:
     """Return time of last use, size and path of each program, the last used first."""
     found = []
-    for path in folder.glob(f"[!.]*{SUFFIX}"):  # no temporary files
+    for path in folder.glob(f"*{SUFFIX}"):
         try:
             status = path.stat()
         except OSError:  # another process has removed it
@@ -273,10 +278,14 @@ def _write(path: Path, program: Any) -> None:
     """Keep a program if it can be kept; remove those that were not used for longest."""
     try:
         data = zlib.compress(pickle.dumps(serialize_executable.serialize(program)), 1)
-        with atomic_path(path) as temporary:
-            temporary.touch(mode=0o600)
-            temporary.write_bytes(data)
-        remove_remains(path.parent)
+        with tempfile.NamedTemporaryFile(  # mode 0600
+            dir=path.parent, prefix=".", suffix=TEMPORARY_SUFFIX, delete=False
+        ) as file:
+            file.write(data)
+        os.replace(file.name, path)
+        for remains in path.parent.glob(f".*{TEMPORARY_SUFFIX}"):
+            if time.time() - remains.stat().st_mtime > MAX_WRITING_SECONDS:
+                remains.unlink(missing_ok=True)
         total = 0
         for _, size, other in _entries(path.parent):
             total += size
