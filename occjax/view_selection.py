@@ -13,11 +13,11 @@ Arrangement = Literal["all", "cross", "star", "outer_star"]
 """``all`` views; the ``cross`` of the centre view's row and column; the ``star``, which adds both
 diagonals; the ``outer_star`` of the two outermost views in each of the eight directions."""
 
-Selection = Arrangement | tuple[int, int]
+ViewSelection = Arrangement | tuple[int, int]
 """An arrangement, or ``(V, U)``: that many rows and columns of views around the centre view."""
 
 
-def select_view_indices(offsets: np.ndarray, selection: Selection) -> np.ndarray:
+def select_view_indices(offsets: np.ndarray, selection: ViewSelection) -> np.ndarray:
     """Return the indices of the selected views in a list of views.
 
     Args:
@@ -67,7 +67,9 @@ def select_view_indices(offsets: np.ndarray, selection: Selection) -> np.ndarray
     return np.insert(others, (len(others) + 1) // 2, centre).astype(np.int32)
 
 
-def select_from_grid(offsets: np.ndarray, selection: Selection) -> tuple[np.ndarray, np.ndarray]:
+def select_from_grid(
+    offsets: np.ndarray, selection: ViewSelection
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the array indices of the selected views of an array ``[v, u, ...]``.
 
     Views of a grid with several rows and columns are selected by their index in the array, so that
@@ -130,7 +132,7 @@ def is_grid(offsets: np.ndarray, tolerance: float = 0.25) -> bool:
     return True
 
 
-def check_selection(selection: Selection) -> None:
+def check_selection(selection: ViewSelection) -> None:
     """Raise an error if a selection is invalid.
 
     Args:

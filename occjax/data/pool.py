@@ -39,7 +39,7 @@ from occjax.errors import InputError
 from occjax.io.arrays import load_fields
 from occjax.io.atomic import atomic_path
 from occjax.io.run_folder import open_run_folder
-from occjax.view_selection import Selection
+from occjax.view_selection import ViewSelection
 
 _STORED = {
     "views": UInt8[np.ndarray, "v u h w"],
@@ -99,7 +99,7 @@ def pool_source(
     seed: int,
     *,
     augmentation: AugmentationConfig | None = None,
-    views: Selection = "all",
+    views: ViewSelection = "all",
 ) -> Source:
     """Return a source that goes through a pool in random order, in a new order each time.
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from occjax.errors import InputError
-from occjax.view_selection import Selection, select_from_grid
+from occjax.view_selection import ViewSelection, select_from_grid
 
 
 class LightFieldSample(NamedTuple):
@@ -85,7 +85,7 @@ def to_device(sample: LightFieldSample) -> LightFieldSample:
     return jax.tree.map(jnp.asarray, sample)
 
 
-def select_views(sample: LightFieldSample, selection: Selection) -> LightFieldSample:
+def select_views(sample: LightFieldSample, selection: ViewSelection) -> LightFieldSample:
     """Return the sample with some of its views.
 
     Args:

@@ -15,7 +15,7 @@ from occjax.errors import InputError
 from occjax.io import load, read_image
 from occjax.io.files import reading
 from occjax.lightfield import to_unit_float
-from occjax.view_selection import Selection, select_from_grid
+from occjax.view_selection import ViewSelection, select_from_grid
 
 GROUND_TRUTH = "gt_disp_lowres.pfm"
 """File of the ground truth in a scene's folder."""
@@ -85,7 +85,10 @@ class Scene:
 
 
 def load_scenes(
-    folders: str | Path | Sequence[str | Path], *, views: Selection = "all", progress: bool = True
+    folders: str | Path | Sequence[str | Path],
+    *,
+    views: ViewSelection = "all",
+    progress: bool = True,
 ) -> list[Scene]:
     """Read scenes with ground truth, as :func:`occjax.load` reads light fields.
 
@@ -123,7 +126,7 @@ def _find_scenes(folder: Path) -> list[Path]:
     return inner
 
 
-def _read_scene(folder: Path, views: Selection) -> Scene:
+def _read_scene(folder: Path, views: ViewSelection) -> Scene:
     """Read one scene and convert its views to 8 bits."""
     light_field = load(folder, check_orientation=False)
     truth = light_field.ground_truth

@@ -21,7 +21,7 @@ from occjax.training.losses import (
     total_loss,
     weighted_sum,
 )
-from occjax.view_selection import Selection
+from occjax.view_selection import ViewSelection
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class OccCasNetTask:
     loss_config: LossConfig
     precision: Precision
 
-    def view_selection(self, available: Selection) -> Selection:
+    def view_selection(self, available: ViewSelection) -> ViewSelection:
         """Return the grid of the network."""
         return self.network.views
 

@@ -215,11 +215,11 @@ def prepare(
     """Vary tone and noise of one light field (no batch axis) and compute its proposals."""
     tone_key, noise_key = jax.random.split(key)
     sample = random_noise(noise_key, random_tone(tone_key, sample, augmentation), augmentation)
-    proposals, disparity = propose(sample, network)
+    proposals, disparity = proposals_and_truth(sample, network)
     return PreparedSample(pack(proposals), disparity, sample.valid)
 
 
-def propose(
+def proposals_and_truth(
     sample: LightFieldSample, network: ProposalNetConfig
 ) -> tuple[Proposals, Float[Array, "h w"]]:
     """Return proposals and true disparity of one light field, both at the configured reach."""

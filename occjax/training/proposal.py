@@ -19,8 +19,8 @@ from occjax.models.proposal import Selection
 from occjax.models.proposal.proposals import Proposals
 from occjax.training.config import LossConfig, Precision
 from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
-from occjax.training.prepared import PreparedSample, check_crop, propose, unpack
-from occjax.view_selection import Selection as ViewSelection
+from occjax.training.prepared import PreparedSample, check_crop, proposals_and_truth, unpack
+from occjax.view_selection import ViewSelection
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ProposalTask:
         if isinstance(example, PreparedSample):
             return unpack(example.packed), example.disparity
         check_crop(example.disparity.shape, self.network)
-        return propose(example, self.network)
+        return proposals_and_truth(example, self.network)
 
 
 def selection_errors(

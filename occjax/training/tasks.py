@@ -16,14 +16,14 @@ from occjax.training.config import LossConfig, Precision
 from occjax.training.losses import WeightedSum
 from occjax.training.occcasnet import OccCasNetTask
 from occjax.training.proposal import ProposalTask
-from occjax.view_selection import Selection
+from occjax.view_selection import ViewSelection
 
 
 @runtime_checkable
 class TrainingTask(Protocol):
     """Training of one kind of model. All methods but ``view_selection`` can be jitted."""
 
-    def view_selection(self, available: Selection) -> Selection:
+    def view_selection(self, available: ViewSelection) -> ViewSelection:
         """Return the views that the model takes.
 
         Args:

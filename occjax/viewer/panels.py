@@ -35,7 +35,7 @@ JPEG_QUALITY = 90
 
 
 @dataclass
-class Selection:
+class Selected:
     """What is selected: the index of a result, and a pixel ``(y, x)`` of the centre view."""
 
     result: int
@@ -51,24 +51,24 @@ class Page:
         scene: What is shown.
         config: Settings.
         worker: Thread that computes pictures.
-        selection: Selected result and pixel.
+        selected: Selected result and pixel.
     """
 
     server: viser.ViserServer
     scene: ViewedScene
     config: ViewerConfig
     worker: LatestWorker
-    selection: Selection
+    selected: Selected
 
     @property
     def result(self) -> ViewedResult:
         """The selected result."""
-        return self.scene.results[self.selection.result]
+        return self.scene.results[self.selected.result]
 
     @property
     def disparity(self) -> float:
         """Disparity of the picked pixel in the selected result, in pixels per view step."""
-        return float(self.result.disparity[self.selection.pixel])
+        return float(self.result.disparity[self.selected.pixel])
 
     def when_changed(self, handles: tuple[Any, ...], kind: str, task: Callable[[], None]) -> None:
         """Run a task on the worker whenever a control changes."""
@@ -163,7 +163,7 @@ class CloudPanel:
 
     def pick(self, origin: np.ndarray, direction: np.ndarray) -> tuple[int, int] | None:
         """Return the pixel of the point under the cursor, if there is one."""
-        index = self.page.selection.result
+        index = self.page.selected.result
         shown = np.argwhere(self.visible(index))
         points = self._points[index][self._grid][tuple(shown.T)]
         picked = cloud.pick_point(points, origin, direction)
@@ -176,14 +176,14 @@ class CloudPanel:
         """Show the cloud of the selected result and hide the others."""
         with self.page.server.atomic():
             for index, handle in enumerate(self._clouds):
-                handle.visible = index == self.page.selection.result
+                handle.visible = index == self.page.selected.result
         if self.mode.value == "difference":
             self.show_colours()
         self.show_pixel()
 
     def show_pixel(self) -> None:
         """Move the marker to the picked point."""
-        point = self._points[self.page.selection.result][self.page.selection.pixel]
+        point = self._points[self.page.selected.result][self.page.selected.pixel]
         self._marker.visible = bool(np.isfinite(point).all())
         if self._marker.visible:
             self._marker.position = point
@@ -191,7 +191,7 @@ class CloudPanel:
     def show_colours(self) -> None:
         """Colour the clouds, and explain the colours."""
         self._legend.content = legend_html(
-            cloud.legend(self.page.scene, self.page.selection.result, self.mode.value)
+            cloud.legend(self.page.scene, self.page.selected.result, self.mode.value)
         )
         for index, handle in enumerate(self._clouds):
             handle.colors = self._colours(index)[self.visible(index)]
@@ -210,7 +210,7 @@ class CloudPanel:
     def _add_cloud(self, index: int) -> viser.PointCloudHandle:
         shown = self.visible(index)
         self._legend.content = legend_html(
-            cloud.legend(self.page.scene, self.page.selection.result, self.mode.value)
+            cloud.legend(self.page.scene, self.page.selected.result, self.mode.value)
         )
         return self.page.server.scene.add_point_cloud(
             f"/cloud/{index}",
@@ -220,7 +220,7 @@ class CloudPanel:
             point_shape="square",
             point_shading="flat",
             precision="float32",
-            visible=index == self.page.selection.result,
+            visible=index == self.page.selected.result,
         )
 
     def _show_size(self) -> None:
@@ -297,7 +297,7 @@ class ViewPanel:
         v, u = int(self.v.value) + self._first[0], int(self.u.value) + self._first[1]
         index = min(v, rows - 1), min(u, columns - 1)
         image = view_picture(self._light_field.views[index])
-        y, x = self.page.selection.pixel
+        y, x = self.page.selected.pixel
         if not np.isfinite(self.page.disparity):
             return enlarged(image)
         offset = self._light_field.offsets[index]
@@ -383,7 +383,7 @@ class PixelPanel:
     def __init__(self, page: Page, select: Callable[[int, int], None]) -> None:
         self.page, gui = page, page.server.gui
         height, width = page.scene.image_size
-        y, x = page.selection.pixel
+        y, x = page.selected.pixel
         gui.add_markdown("Click a point of the cloud, or type its place in the centre view.")
         self.y = gui.add_number("Row y", y, min=0, max=height - 1, step=1, hint="0 is the top.")
         self.x = gui.add_number("Column x", x, min=0, max=width - 1, step=1, hint="0 is the left.")
@@ -448,8 +448,8 @@ class PixelPanel:
 
     def show_pixel(self) -> None:
         """Show numbers and pictures of the picked pixel."""
-        y, x = self.page.selection.pixel
-        self.numbers.content = pixel_text(self.page.scene, self.page.selection)
+        y, x = self.page.selected.pixel
+        self.numbers.content = pixel_text(self.page.scene, self.page.selected)
         if self._light_field is None:
             return
         self._show_epi()
@@ -463,7 +463,7 @@ class PixelPanel:
 
     def _show_epi(self) -> None:
         assert self._light_field is not None
-        y, x = self.page.selection.pixel
+        y, x = self.page.selected.pixel
         line: Line = "row" if self.line.value == "row" else "column"
         epi = epipolar_image(
             self._light_field, y, x, line, radius_px=self.page.config.epi_radius_px
@@ -475,7 +475,7 @@ class PixelPanel:
         assert self._light_field is not None
         config = self.page.config
         candidates = np.linspace(*self.page.scene.disparity_range, config.cost_candidates)
-        y, x = self.page.selection.pixel
+        y, x = self.page.selected.pixel
         curve = cost_curve(self._light_field, y, x, candidates, radius_px=config.cost_radius_px)
         spike = np.zeros(candidates.size)
         if np.isfinite(disparity):
@@ -501,7 +501,7 @@ class ComparisonPanel:
 
     def show_result(self) -> None:
         """Name the selected result."""
-        name = self.page.scene.results[self.page.selection.result].name
+        name = self.page.scene.results[self.page.selected.result].name
         set_value(self.result, name)
 
     def show_pixel(self) -> None:
@@ -529,9 +529,9 @@ def legend_html(legend: cloud.Legend | None) -> str:
     )
 
 
-def pixel_text(scene: ViewedScene, selection: Selection) -> str:
+def pixel_text(scene: ViewedScene, selected: Selected) -> str:
     """Return the numbers of the picked pixel as a Markdown table."""
-    result, at = scene.results[selection.result], selection.pixel
+    result, at = scene.results[selected.result], selected.pixel
     disparity = result.disparity[at]
     rows = [("disparity", f"{disparity:.3f} pixels per view step")]
     if scene.calibration is not None:
@@ -543,7 +543,7 @@ def pixel_text(scene: ViewedScene, selection: Selection) -> str:
         truth = scene.ground_truth[at]
         rows += [("ground truth", f"{truth:.3f}"), ("error", f"{disparity - truth:+.3f}")]
     for index, other in enumerate(scene.results):
-        if index != selection.result:
+        if index != selected.result:
             rows.append((f"disparity, {other.name}", f"{other.disparity[at]:.3f}"))
     body = "\n".join(f"| {name} | {value} |" for name, value in rows)
     return f"| | |\n|---|---|\n{body}"

@@ -19,7 +19,7 @@ from occjax.viewer.panels import (
     Panel,
     PixelPanel,
     RefocusPanel,
-    Selection,
+    Selected,
     ViewPanel,
     set_value,
 )
@@ -60,9 +60,9 @@ class Viewer:
         self.port = self._server.get_port()
         self.url = f"http://{'localhost' if host == '0.0.0.0' else host}:{self.port}"
         height, width = scene.image_size
-        self._selection = Selection(0, (height // 2, width // 2))
+        self._selected = Selected(0, (height // 2, width // 2))
         self._page = Page(
-            self._server, scene, config or ViewerConfig(), self._worker, self._selection
+            self._server, scene, config or ViewerConfig(), self._worker, self._selected
         )
         self._blinker: threading.Thread | None = None
         try:
@@ -101,7 +101,7 @@ class Viewer:
                 self.refocus = RefocusPanel(self._page)
                 self.panels.append(self.refocus)
         self._server.scene.on_click()(self._clicked)
-        self.select_pixel(*self._selection.pixel)
+        self.select_pixel(*self._selected.pixel)
 
     def select_pixel(self, y: int, x: int) -> None:
         """Select a pixel of the centre view; all panels follow.
@@ -111,12 +111,12 @@ class Viewer:
             x: Column.
         """
         height, width = self._page.scene.image_size
-        self._selection.pixel = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
+        self._selected.pixel = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
         self._worker.submit("pixel", self._show_pixel)
 
     def select_result(self, index: int) -> None:
         """Select the result that is shown."""
-        self._selection.result = index
+        self._selected.result = index
         self._worker.submit("result", self._show_result)
 
     def wait_until_idle(self) -> None:
@@ -144,7 +144,7 @@ class Viewer:
         self.close()
 
     def _show_pixel(self) -> None:
-        y, x = self._selection.pixel
+        y, x = self._selected.pixel
         set_value(self.pixel.y, y)
         set_value(self.pixel.x, x)
         for panel in self.panels:
@@ -162,7 +162,7 @@ class Viewer:
     def _blink(self) -> None:
         while not self._closed.wait(self._page.config.blink_seconds):
             if self.comparison.blink.value:
-                self.select_result((self._selection.result + 1) % len(self._page.scene.results))
+                self.select_result((self._selected.result + 1) % len(self._page.scene.results))
 
 
 def _no_output() -> contextlib.AbstractContextManager[object]:

@@ -10,7 +10,7 @@ from occjax.errors import InputError
 from occjax.io import GridWarning, load, read_pfm
 from occjax.io.arrays import write_arrays
 from occjax.io.images import read_image
-from occjax.io.naming.proposals import propose_patterns
+from occjax.io.naming.fitting_patterns import fitting_patterns
 from occjax.lightfield import LightField
 from tests.io.files import save_views
 from tests.io.scenes import two_planes
@@ -159,9 +159,9 @@ def test_negative_indices_are_not_left_out_of_a_known_layout(tmp_path, views, na
 
 def test_several_patterns_are_listed():
     names = [f"a{v}b{u}c{w}.png" for v in range(2) for u in range(2) for w in range(2)]
-    assert propose_patterns(names) == []
+    assert fitting_patterns(names) == []
     latin = [f"a{v}b{u}c{(u + v) % 3}.png" for v in range(3) for u in range(3)]
-    assert propose_patterns(latin) == ["a{v}b{u}c*.png", "a{v}b*c{u}.png", "a*b{v}c{u}.png"]
+    assert fitting_patterns(latin) == ["a{v}b{u}c*.png", "a{v}b*c{u}.png", "a*b{v}c{u}.png"]
 
 
 def test_several_patterns_are_refused(tmp_path, views):

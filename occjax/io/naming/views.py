@@ -22,8 +22,8 @@ from occjax.io.naming.arrangement import (
     arrange_by_row_and_column,
     first_few,
 )
+from occjax.io.naming.fitting_patterns import fitting_patterns
 from occjax.io.naming.patterns import EXAMPLES, NAMES, FolderLayout, pattern_to_regex
-from occjax.io.naming.proposals import propose_patterns
 
 
 def find_views(
@@ -69,7 +69,7 @@ def find_views(
     _warn_of_ignored(folder, names, matches)
     scenes = {match.groupdict().get("scene") for match in matches}
     if len(scenes) > 1:
-        patterns = propose_patterns([match.string for match in matches])
+        patterns = fitting_patterns([match.string for match in matches])
         option = f", or {_pass_pattern(patterns)}"
         raise InputError(
             f"{folder}: has views of several scenes ({first_few(sorted(map(str, scenes)))}); "
@@ -114,7 +114,7 @@ def _detect_layout(folder: str, names: list[str]) -> FolderLayout | None:
     if len(fitting) == 1:
         known = {match.string for match in _matching(names, NAMES[fitting[0]])}
         images = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
-        if known < set(images) and len(patterns := propose_patterns(images)) == 1:
+        if known < set(images) and len(patterns := fitting_patterns(images)) == 1:
             found = {match.string for match in _matching(names, pattern_to_regex(patterns[0]))}
             if known < found:
                 return None  # for instance view_-1_0.png: layouts have no negative indices
@@ -136,7 +136,7 @@ def _propose(folder: str, names: list[str]) -> str:
             f"{folder}: has images in an unsupported format ({first_few(unsupported)}); "
             "convert them to PNG"
         )
-    patterns = propose_patterns(images)
+    patterns = fitting_patterns(images)
     undecoded = [name for name in names if name.lower().endswith(PLENOPTIC_SUFFIXES)]
     if undecoded and not patterns:
         raise InputError(f"{folder}/{undecoded[0]}: {PLENOPTIC_REMEDY}")

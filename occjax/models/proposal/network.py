@@ -26,7 +26,7 @@ from occjax.models.proposal.exposure import white_level
 from occjax.models.proposal.filters import median_filter
 from occjax.models.proposal.planar import flatten_planar_surfaces
 from occjax.models.proposal.planes import Refined, refine
-from occjax.models.proposal.proposals import ProposalCosts, Proposals, propose
+from occjax.models.proposal.proposals import ProposalCosts, Proposals, make_proposals
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
 from occjax.models.proposal.selector import ProposalSelector
@@ -138,7 +138,7 @@ class ProposalNet(nn.Module):
             certainty = certainty * _smoothness(disparity, self.config.confidence.edge_step)
         else:
             selection = self.select(
-                propose(grey, searched, refined.disparity, candidates, self.config)
+                make_proposals(grey, searched, refined.disparity, candidates, self.config)
             )
             # A single pixel that differs from all its neighbours is more often wrong than correct.
             disparity = median_filter(selection.disparity)
@@ -183,7 +183,7 @@ class ProposalNet(nn.Module):
         height, width = views.shape[2:]
         grey, candidates, _ = self.normalise(views, None, offsets, multiple=2)
         searched, _, refined = self.search_and_refine(grey, candidates)
-        proposals = propose(grey, searched, refined.disparity, candidates, self.config)
+        proposals = make_proposals(grey, searched, refined.disparity, candidates, self.config)
         return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
 
     def select(self, proposals: Proposals) -> Selection:

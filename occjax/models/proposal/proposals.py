@@ -100,7 +100,7 @@ class Proposals(NamedTuple):
     peak_probability: Float[Array, "h w"]
 
 
-def propose(
+def make_proposals(
     grey: GreyViews,
     searched: SearchResult,
     refined: Float[Array, "h w"],

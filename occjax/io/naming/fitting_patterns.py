@@ -20,7 +20,7 @@ MIN_FILLED_FRACTION = 0.5
 """Smallest fraction of the places of a grid that the files must fill."""
 
 
-def propose_patterns(names: list[str]) -> list[str]:
+def fitting_patterns(names: list[str]) -> list[str]:
     """Return the patterns that fit the names of the images in a folder.
 
     The names may differ in any number of fields, for instance in the row, the column, and the
@@ -37,7 +37,7 @@ def propose_patterns(names: list[str]) -> list[str]:
         pairs of fields fill a grid; empty if nothing fits.
 
     Example:
-        >>> propose_patterns(["x+0_-1_8.png", "x+0_+0_9.png", "x+1_-1_7.png", "x+1_+0_3.png"])
+        >>> fitting_patterns(["x+0_-1_8.png", "x+0_+0_9.png", "x+1_-1_7.png", "x+1_+0_3.png"])
         ['x+{v}_{u}_*.png']
     """
     groups = defaultdict(list)
