@@ -71,8 +71,8 @@ def brightened(pixels: np.ndarray, *, target: float = 0.7, most: float = 8.0) ->
         most: Largest factor.
 
     Example:
-        >>> brightened(np.array([0.0, 0.1, 0.7])).tolist()
-        [0.0, 0.1, 0.7]
+        >>> brightened(np.array([0.05, 0.35, 0.35])).tolist()
+        [0.1, 0.7, 0.7]
         >>> brightened(np.array([0.0, 0.035, 0.035])).round(3).tolist()
         [0.0, 0.28, 0.28]
     """
