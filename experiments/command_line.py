@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import tyro
@@ -13,6 +14,14 @@ from occjax.cli.running import exit_with
 
 Command = Callable[..., Any]
 """A function whose parameters are the options; an integer result is the exit code."""
+
+TrueScenes = tyro.conf.Positional[
+    Annotated[tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.")]
+]
+"""Type of the argument of several scenes."""
+
+Models = Annotated[tuple[str, ...], tyro.conf.arg(help="Names of models, or files of weights.")]
+"""Type of the option ``--models``."""
 
 Small = Annotated[bool, tyro.conf.arg(help="Smoke test on small built-in data; no download.")]
 """Type of the option ``--small``."""

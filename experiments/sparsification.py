@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 
-from experiments.command_line import Small, announce_smoke_test, main
+from experiments.command_line import Models, Small, TrueScenes, announce_smoke_test, main
 from experiments.cut_outs import small_sample
 from experiments.markdown import markdown_table, print_text
 from experiments.real_scenes import named_estimator
@@ -29,14 +28,11 @@ from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
 from occjax.estimators import run_estimator
-from occjax.evaluation.metrics import compared_pixels, default_border
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, compared_pixels, default_border
 from occjax.lightfield import LightField
 from occjax.viz.canvas import save
 
 MODELS = ("proposal", "photometric")
-
-THRESHOLD = 0.07
-"""Error above which a pixel is wrong, in pixels per view step."""
 
 LEFT_OUT = (0.05, 0.1, 0.2, 0.3, 0.5)
 """Fractions of the pixels that are left out, in the table."""
@@ -58,13 +54,12 @@ class Curve(NamedTuple):
         return float(self.badpix[round((1 - fraction) * len(self.badpix)) - 1])
 
 
-def curve(errors: np.ndarray, confidence: np.ndarray, threshold: float = THRESHOLD) -> Curve:
+def curve(errors: np.ndarray, confidence: np.ndarray) -> Curve:
     """Return the sparsification curve of a map.
 
     Args:
         errors: ``[n]`` absolute errors, pixels per view step.
         confidence: ``[n]`` confidence of the same pixels; equal ones keep their order.
-        threshold: Error above which a pixel is wrong.
 
     Example:
         >>> curve(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0.9, 0.1, 0.2, 0.8])).badpix.tolist()
@@ -72,7 +67,7 @@ def curve(errors: np.ndarray, confidence: np.ndarray, threshold: float = THRESHO
     """
 
     def badpix(order: np.ndarray) -> np.ndarray:
-        wrong = errors[order] > threshold
+        wrong = errors[order] > BAD_PIXEL_THRESHOLD
         return 100.0 * np.cumsum(wrong) / np.arange(1, len(wrong) + 1)
 
     return Curve(
@@ -120,18 +115,14 @@ def draw(curves: Mapping[tuple[str, str], Curve], models: Sequence[str]) -> Figu
                 axes.plot(left_out, each.badpix / max(each.badpix[-1], 1e-9), label=scene)
         axes.axhline(0.5, color="grey", linewidth=0.7, linestyle=":")
         axes.set(title=model, xlabel="least certain pixels left out, %", ylim=(0, 1), xlim=(0, 95))
-        axes.set_ylabel(f"BadPix {THRESHOLD:g} relative to all pixels")
+        axes.set_ylabel(f"BadPix {BAD_PIXEL_THRESHOLD:g} relative to all pixels")
         axes.legend(frameon=False, fontsize=7)
     return figure
 
 
 def run(
-    scenes: tyro.conf.Positional[
-        Annotated[tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.")]
-    ] = (),
-    models: Annotated[
-        tuple[str, ...], tyro.conf.arg(help="Names of models, or files of weights.")
-    ] = MODELS,
+    scenes: TrueScenes = (),
+    models: Models = MODELS,
     output: Annotated[Path | None, option("File for the table.", "FILE", "-o")] = None,
     figure: Annotated[Path | None, option("File for the curves.", "FILE")] = None,
     small: Small = False,

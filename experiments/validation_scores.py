@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import tyro
 from tqdm import tqdm
 
-from experiments.command_line import Small, announce_smoke_test, main
+from experiments.command_line import Models, Small, TrueScenes, announce_smoke_test, main
 from experiments.cut_outs import small_sample
 from experiments.markdown import markdown_table, print_text
 from experiments.real_scenes import named_estimator
@@ -92,12 +91,8 @@ def table(results: Mapping[str, Mapping[str, Score]]) -> str:
 
 
 def run(
-    scenes: tyro.conf.Positional[
-        Annotated[tuple[Path, ...], tyro.conf.arg(help="Scenes with ground truth.")]
-    ] = (),
-    models: Annotated[
-        tuple[str, ...], tyro.conf.arg(help="Names of models, or files of weights.")
-    ] = ("photometric", "proposal"),
+    scenes: TrueScenes = (),
+    models: Models = ("photometric", "proposal"),
     output: Annotated[Path | None, option("File for the table.", "FILE", "-o")] = None,
     small: Small = False,
 ) -> dict[str, dict[str, Score]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Browser, Playwright, sync_playwright
 from tyro.conf import Positional, arg
 
 from experiments.command_line import main
@@ -22,6 +22,7 @@ from occjax.viewer import Viewer, read_scene
 SIZE = (1440, 900)
 """Width and height of the window, in pixels."""
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SOFTWARE_WEBGL = (
     "--no-sandbox",
     "--use-gl=angle",
@@ -31,6 +32,12 @@ SOFTWARE_WEBGL = (
 LOADED = "document.querySelector('canvas[data-engine]')?.style.opacity === '1'"
 
 
+def start_chromium(playwright: Playwright) -> Browser:
+    """Start Chromium of the system, or the one that playwright installed, with WebGL."""
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    return playwright.chromium.launch(executable_path=path, args=SOFTWARE_WEBGL)
+
+
 def viewer_picture(
     results: Positional[Annotated[Path, arg(help="Folder that occjax demo wrote.")]],
     output: Annotated[Path, arg(aliases=["-o"], help="Picture to write.")],
@@ -38,9 +45,8 @@ def viewer_picture(
     turn: Annotated[tuple[int, int], arg(help="Pixels by which the mouse is dragged.")] = (80, 30),
 ) -> None:
     """Write the picture."""
-    chromium = shutil.which("chromium")  # None: the one that playwright installed
     with Viewer(read_scene([results])) as viewer, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=SOFTWARE_WEBGL)
+        browser = start_chromium(playwright)
         page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         page.set_default_timeout(300_000)
         page.goto(viewer.url)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -101,6 +102,21 @@ def grid_around(grid: np.ndarray, view: tuple[int, int], *, missing: Any = 0) ->
     top, left = rows - 1 - view[0], columns - 1 - view[1]
     result[top : top + rows, left : left + columns] = grid
     return result
+
+
+def whole_grid(grid: Sequence[int], view: Sequence[int] | None) -> tuple[int, int]:
+    """Return the grid of all views, also of a light field around another view.
+
+    Args:
+        grid: ``(V, U)`` of the light field; around another view that of :func:`grid_around`.
+        view: View around which it is; None for the centre view.
+
+    Example:
+        >>> whole_grid((17, 17), (0, 0)), whole_grid((9, 9), None)
+        ((9, 9), (9, 9))
+    """
+    rows, columns = grid
+    return (rows, columns) if view is None else ((rows + 1) // 2, (columns + 1) // 2)
 
 
 def positions_around(positions: np.ndarray, view: tuple[int, int]) -> np.ndarray:

@@ -108,7 +108,7 @@ def load_scenes(
     found = [scene for folder in given for scene in _find_scenes(Path(folder))]
     return [
         _read_scene(folder, views)
-        for folder in tqdm(found, desc="scenes", unit="scene", disable=None if progress else True)
+        for folder in tqdm(found, desc="scenes", unit="scene", disable=not progress or None)
     ]
 
 

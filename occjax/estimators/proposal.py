@@ -14,7 +14,7 @@ from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.estimators.ranges import choose_range, estimate_from_maps
 from occjax.estimators.strips import Strips, map_strips, plan_strips
 from occjax.layout import check, view_brightness
-from occjax.lightfield import LightField, centre_index, view_offsets
+from occjax.lightfield import LightField, centre_index, view_offsets, whole_grid
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.view_selection import is_grid, select_view_indices
@@ -50,19 +50,18 @@ class ProposalEstimator:
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         offsets = np.asarray(light_field.offsets, np.float32)
-        compared, whole_grid = brightness.usable, None
+        compared, all_views = brightness.usable, whole_grid(light_field.grid, light_field.view)
         if light_field.view is not None:
-            whole_grid = tuple((size + 1) // 2 for size in light_field.grid)
             # Around a view at the border all others are on one side, and from the furthest of them
             # most of what is behind depth edges is hidden.
-            reach = max(self.config.reach, *(size // 2 for size in whole_grid))
+            reach = max(self.config.reach, *(size // 2 for size in all_views))
             compared = compared & (np.abs(grid_offsets).max(axis=-1) <= reach)
         usable = np.flatnonzero(compared)
         # The arrangement refers to the places of a grid; irregular views are all used.
         views = self.config.views if is_grid(offsets) else "all"
         selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
-        if whole_grid is not None:
-            whole = view_offsets(*whole_grid).reshape(-1, 2)
+        if light_field.view is not None:
+            whole = view_offsets(*all_views).reshape(-1, 2)
             selected = _padded(selected, len(select_view_indices(whole, views)))
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())

@@ -226,6 +226,16 @@ def box_mean(image: Image, radius: int) -> Image:
     return mean
 
 
+def high_pass(image: Image, radius: int) -> Image:
+    """Subtract the local mean from an ``[h, w]`` image.
+
+    Args:
+        image: ``[h, w]`` NumPy or JAX array; the result is of the same kind.
+        radius: Half width of the square of the mean, in pixels.
+    """
+    return image - box_mean(image, radius)
+
+
 def _candidates(cross: Cross, max_disparity: float) -> np.ndarray:
     """Return ``[d]`` evenly spaced disparities around zero."""
     step = max(
@@ -238,12 +248,12 @@ def _candidates(cross: Cross, max_disparity: float) -> np.ndarray:
 
 def _high_pass(cross: Cross) -> Cross:
     """Subtract the local mean from every view."""
-
-    def subtract_mean(image: np.ndarray) -> np.ndarray:
-        return image - box_mean(image, cross.config.high_pass_radius_px)
-
-    arms = [replace(arm, images=np.stack([*map(subtract_mean, arm.images)])) for arm in cross.arms]
-    return replace(cross, centre=subtract_mean(cross.centre), arms=tuple(arms))
+    radius = cross.config.high_pass_radius_px
+    arms = [
+        replace(arm, images=np.stack([high_pass(image, radius) for image in arm.images]))
+        for arm in cross.arms
+    ]
+    return replace(cross, centre=high_pass(cross.centre, radius), arms=tuple(arms))
 
 
 def _start_arm(cross: Cross, arm: Arm, axis: int, candidates: np.ndarray) -> list[Array]:
@@ -276,8 +286,8 @@ def lowest_cost(
         config: Settings; the local mean is that for arms of many views.
     """
     radius = config.high_pass_radius_px
-    centre = centre - box_mean(centre, radius)
-    images = np.stack([image - box_mean(image, radius) for image in images])
+    centre = high_pass(centre, radius)
+    images = np.stack([high_pass(image, radius) for image in images])
     offsets = offsets.astype(np.float32)
     return np.min(
         [

@@ -24,7 +24,7 @@ from scipy.ndimage import median_filter
 
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import RegistrationConfig, ViewOrderConfig
-from occjax.layout.consistency import box_mean, reduce_image
+from occjax.layout.consistency import box_mean, high_pass, reduce_image
 from occjax.lightfield import (
     LightField,
     centre_index,
@@ -424,7 +424,7 @@ def _resized(image: Float[Array, "h w"], *, size: tuple[int, ...]) -> Float[Arra
 @kept
 def _high_pass(images: Float[Array, "n h w"]) -> Float[Array, "n h w"]:
     """Subtract the local mean from every image."""
-    return jax.lax.map(lambda image: image - box_mean(image, 4), images)
+    return jax.lax.map(lambda image: high_pass(image, 4), images)
 
 
 def _residual(

@@ -15,8 +15,8 @@ from matplotlib.colors import Colormap
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io.atomic import atomic_path
+from occjax.lightfield import whole_grid
 from occjax.report.scenes import ReportScene
-from occjax.results.summary import whole_grid
 from occjax.viz.colour import NO_VALUE, confidence_colours, disparity_colours
 from occjax.viz.pictures import error_scale
 
@@ -62,7 +62,7 @@ def write_report(path: str | Path, scenes: Sequence[ReportScene]) -> None:
         script=(files / "report.js").read_text("utf-8"),
         colours=_colours(),
         columns=[column for column in COLUMNS if any(column[1](s.summary) for s in scenes)],
-        whole_grid=whole_grid,
+        whole_grid=_whole_grid,
         bad=f"{BAD_PIXEL_THRESHOLD:g}",
     )
     with atomic_path(path) as temporary:
@@ -73,13 +73,17 @@ def _score(name: str) -> Callable[[dict[str, Any]], Any]:
     return lambda summary: (summary.get("metrics") or {}).get(name)
 
 
+def _whole_grid(summary: dict[str, Any]) -> tuple[int, int]:
+    return whole_grid(summary["grid"], summary.get("view"))
+
+
 def _badpix(summary: dict[str, Any]) -> float | None:
     return (_score("badpix")(summary) or {}).get(f"{BAD_PIXEL_THRESHOLD:g}")
 
 
 COLUMNS: tuple[tuple[str, Callable[[dict[str, Any]], Any]], ...] = (
     ("model", lambda summary: summary["model"]),
-    ("views", lambda summary: "x".join(map(str, whole_grid(summary)))),
+    ("views", lambda summary: "x".join(map(str, _whole_grid(summary)))),
     ("pixels", lambda summary: "x".join(map(str, summary["image_size"]))),
     (f"BadPix {BAD_PIXEL_THRESHOLD:g} [%]", _badpix),
     ("MSE x100", _score("mse_x100")),

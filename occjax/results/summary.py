@@ -143,22 +143,6 @@ def stored_calibration(summary: dict[str, Any]) -> Calibration | None:
     return Calibration(**camera)
 
 
-def whole_grid(summary: dict[str, Any]) -> tuple[int, int]:
-    """Return ``(V, U)`` of the light field, also if another view than its centre was estimated.
-
-    Args:
-        summary: From :func:`read_summary`.
-
-    Example:
-        >>> whole_grid({"grid": [17, 17], "view": [0, 0]})
-        (9, 9)
-    """
-    rows, columns = summary["grid"]
-    if summary.get("view"):
-        return (rows + 1) // 2, (columns + 1) // 2
-    return rows, columns
-
-
 def _calibration(calibration: Calibration | None) -> dict[str, float | None] | None:
     """Return the fields of the camera; null replaces infinity, which JSON does not have."""
     if calibration is None:

@@ -20,8 +20,8 @@ from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
 from occjax.io.maps import read_map
 from occjax.layout import registered
-from occjax.lightfield import LightField
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration, whole_grid
+from occjax.lightfield import LightField, whole_grid
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration
 from occjax.viewer.config import LOOPBACK, ViewerConfig
 from occjax.viewer.scene import ViewedResult, ViewedScene
 
@@ -246,7 +246,8 @@ def _views_of(summary: dict[str, Any]) -> LightField:
         raise InputError("the results do not say where they are")
     if light_field.image_size != tuple(summary["image_size"]):
         raise InputError(f"those of {light_field.name} have another size")
-    return light_field.central(*whole_grid(summary))  # the estimate used only these views
+    # The estimate used only these views.
+    return light_field.central(*whole_grid(summary["grid"], summary.get("view")))
 
 
 def _has_display() -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import viser
 
 from occjax.errors import InputError
+from occjax.lightfield import whole_grid
 from occjax.viewer.config import LOOPBACK, ViewerConfig
 from occjax.viewer.panels import (
     CloudPanel,
@@ -192,11 +193,10 @@ def _description(scene: ViewedScene) -> str:
     height, width = scene.image_size
     views = "without its views"
     if scene.light_field is not None:
-        rows, columns = scene.light_field.grid
-        views = f"{rows}x{columns} views"
-        if scene.light_field.view is not None:  # the grid is that around another view
-            at = "view ({}, {})".format(*scene.light_field.view)
-            views = f"{at} of {(rows + 1) // 2}x{(columns + 1) // 2} views"
+        view = scene.light_field.view
+        views = "{}x{} views".format(*whole_grid(scene.light_field.grid, view))
+        if view is not None:
+            views = f"view ({view[0]}, {view[1]}) of {views}"
     depth = "points in metres" if scene.calibration else "relief: depth without true scale"
     return (
         f"**{scene.name}**, {views} of {height}x{width} pixels, {depth}.\n\n"

@@ -1,22 +1,13 @@
 """The page in a real browser: headless Chromium with WebGL in software."""
 
 import io
-import shutil
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from experiments.viewer_picture import LOADED, start_chromium
 from occjax.viewer import Viewer
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-SOFTWARE_WEBGL = (
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
-LOADED = "document.querySelector('canvas[data-engine]')?.style.opacity === '1'"
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +16,8 @@ def browser():
     from playwright.sync_api import Error, sync_playwright
 
     with sync_playwright() as playwright:
-        path = next(filter(None, map(shutil.which, BROWSERS)), None)
         try:
-            started = playwright.chromium.launch(executable_path=path, args=SOFTWARE_WEBGL)
+            started = start_chromium(playwright)
         except Error as error:
             pytest.skip(f"there is no Chromium that starts: {str(error).splitlines()[0]}")
         yield started
