@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from jax.scipy.ndimage import map_coordinates
+from jaxtyping import Array, Float
 
 from occjax.layout import ViewOrderConfig
 from occjax.layout.report import view_order_scores
 from occjax.lightfield import LightField, centre_index, project, to_grey
+from occjax.programs import kept
 
 MIN_TRUTH_RATIO = 1.3
 """Ratio of the grey differences under two readings of the truth from which the lower is right."""
@@ -83,8 +85,15 @@ def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
     differences = []
     for v, u in ((v0 - 1, u0), (v0 + 1, u0), (v0, u0 - 1), (v0, u0 + 1)):
         if 0 <= v < rows and 0 <= u < columns:
-            places = project(y, x, np.nan_to_num(d), offsets[v, u])
-            view = to_grey(light_field.views[v, u])
-            shown = map_coordinates(view, places, order=1, mode="nearest")
+            places = np.asarray(project(y, x, np.nan_to_num(d), offsets[v, u]), np.float32)
+            shown = np.asarray(_sampled(to_grey(light_field.views[v, u]), places))
             differences.append(np.abs(shown - centre)[np.isfinite(d)].mean())
     return float(np.mean(differences))
+
+
+@kept
+def _sampled(
+    image: Float[Array, "h w"], places: Float[Array, "2 rows columns"]
+) -> Float[Array, "rows columns"]:
+    """Return an image at places ``(y, x)``, interpolated linearly; borders replicated."""
+    return map_coordinates(image, list(places), order=1, mode="nearest")

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from occjax.layout.config import BrightnessConfig
+from occjax.layout.filters import box_mean
 from occjax.lightfield import LightField, centre_index, grid_around, to_grey
 
 
@@ -185,5 +185,5 @@ def _low_pass(image: np.ndarray, config: BrightnessConfig) -> np.ndarray:
     step = max(1, min(image.shape[:2]) // config.size_px)
     grey = to_grey(image[::step, ::step])
     radius = min(grey.shape) // config.windows_per_side
-    mean = uniform_filter(grey, 2 * radius + 1, mode="nearest")
+    mean = box_mean(grey, radius)
     return mean[::2, ::2] if radius > 1 else mean

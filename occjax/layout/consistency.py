@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -27,11 +26,10 @@ from jaxtyping import Array, Float
 from occjax.errors import InputError
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import ViewOrderConfig
+from occjax.layout.filters import box_mean, high_pass, reduce_image
 from occjax.layout.orientation import Orientation
 from occjax.lightfield import LightField, centre_index
 from occjax.programs import kept
-
-Image = TypeVar("Image", np.ndarray, Array)
 
 CANDIDATES_PER_CALL = 13
 """Number of candidates in one call of the compiled program: all disparity ranges share it."""
@@ -206,36 +204,6 @@ def motion(on_row: bool, orientation: Orientation) -> tuple[int, int]:
     return axis, -1 if flipped else 1
 
 
-def box_mean(image: Image, radius: int) -> Image:
-    """Return the ``[h, w]`` mean over a square of side ``2 * radius + 1``; borders replicated.
-
-    Args:
-        image: ``[h, w]`` NumPy or JAX array; the result is of the same kind.
-        radius: Half width of the square, in pixels.
-    """
-    h, w = image.shape
-    side = 2 * radius + 1
-    padded = image.__array_namespace__().pad(image, radius, mode="edge")
-    rows = padded[:h].copy()
-    for start in range(1, side):
-        rows += padded[start : start + h]
-    mean = rows[:, :w].copy()
-    for start in range(1, side):
-        mean += rows[:, start : start + w]
-    mean /= np.float32(side**2)
-    return mean
-
-
-def high_pass(image: Image, radius: int) -> Image:
-    """Subtract the local mean from an ``[h, w]`` image.
-
-    Args:
-        image: ``[h, w]`` NumPy or JAX array; the result is of the same kind.
-        radius: Half width of the square of the mean, in pixels.
-    """
-    return image - box_mean(image, radius)
-
-
 def _candidates(cross: Cross, max_disparity: float) -> np.ndarray:
     """Return ``[d]`` evenly spaced disparities around zero."""
     step = max(
@@ -344,13 +312,3 @@ def _arm_volume(
         combine=combine,
         streamed=True,
     )
-
-
-def reduce_image(image: np.ndarray, scale: int) -> np.ndarray:
-    """Return means of ``scale`` x ``scale`` blocks; incomplete blocks are left out."""
-    h, w = image.shape[0] // scale * scale, image.shape[1] // scale * scale
-    # Sums of strided slices: a NumPy mean over two short axes takes five times as long.
-    total = np.zeros((h // scale, w // scale), np.float32)
-    for row in range(scale):
-        total += sum(image[row:h:scale, column:w:scale] for column in range(scale))
-    return total / np.float32(scale**2)

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from occjax.layout.config import ViewOrderConfig
-from occjax.layout.consistency import CostVolumes, box_mean
+from occjax.layout.consistency import CostVolumes
+from occjax.layout.filters import box_mean
 from occjax.layout.orientation import Orientation
 
 NOISE_SPREAD = 0.75

@@ -16,7 +16,8 @@ import numpy as np
 
 from occjax.layout.brightness import view_brightness
 from occjax.layout.config import ViewOrderConfig
-from occjax.layout.consistency import lowest_cost, reduce_image
+from occjax.layout.consistency import lowest_cost
+from occjax.layout.filters import reduce_image
 from occjax.lightfield import LightField, view_offsets
 
 

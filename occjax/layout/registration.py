@@ -20,11 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float, Int
-from scipy.ndimage import median_filter
 
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import RegistrationConfig, ViewOrderConfig
-from occjax.layout.consistency import box_mean, high_pass, reduce_image
+from occjax.layout.filters import box_mean, high_pass, median_filter, reduce_image
 from occjax.lightfield import (
     LightField,
     centre_index,
@@ -190,7 +189,7 @@ def register(
     views = _Views(places[chosen], centre, positions is None, settings)
 
     state = _State(
-        (median_filter(disparity, 3) / scale).astype(np.float32),
+        (median_filter(disparity) / scale).astype(np.float32),
         places[chosen],
         np.zeros((len(images), 2)),
         np.zeros((len(images), 2)),
@@ -232,7 +231,7 @@ class _Views:
             disparity = _improve_disparity(
                 filtered, self.centre, state.disparity, *_single(state), scale
             )
-            state = replace(state, disparity=median_filter(np.asarray(disparity), 3))
+            state = replace(state, disparity=median_filter(np.asarray(disparity)))
         return state
 
     def _filtered(self, images: np.ndarray) -> tuple[np.ndarray, np.floating]:

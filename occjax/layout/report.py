@@ -14,9 +14,10 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.layout.brightness import ViewBrightness, view_brightness
 from occjax.layout.config import ViewOrderConfig
-from occjax.layout.consistency import CostVolumes, Cross, box_mean, view_cross
+from occjax.layout.consistency import CostVolumes, Cross, view_cross
 from occjax.layout.disorder import Disorder, find_disorder, recentred
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
+from occjax.layout.filters import box_mean
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import ORIENTATIONS, Orientation
 from occjax.layout.registration import Registration, register

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Array, Float
 
-from occjax.layout.consistency import CostVolumes, box_mean
+from occjax.layout.consistency import CostVolumes
+from occjax.layout.filters import box_mean
 from occjax.layout.orientation import Orientation
 from occjax.programs import kept
 

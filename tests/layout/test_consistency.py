@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from occjax.layout import ORIENTATIONS, ViewOrderConfig, view_brightness
-from occjax.layout.consistency import CostVolumes, box_mean, view_cross
+from occjax.layout.consistency import CostVolumes, view_cross
+from occjax.layout.filters import box_mean
 from occjax.lightfield import LightField, project
 from tests.io.scenes import two_planes
 

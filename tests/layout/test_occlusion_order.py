@@ -3,7 +3,8 @@ import pytest
 
 from occjax.layout.brightness import view_brightness
 from occjax.layout.config import ViewOrderConfig
-from occjax.layout.consistency import box_mean, view_cross
+from occjax.layout.consistency import view_cross
+from occjax.layout.filters import box_mean
 from occjax.layout.occlusion_order import nearer_in_front
 from occjax.layout.orientation import Orientation
 from occjax.lightfield import LightField
