@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import math
@@ -18,13 +19,14 @@ from orbax.checkpoint.checkpoint_managers import preservation_policy
 
 import occjax
 from occjax.errors import InputError
-from occjax.io.atomic import CannotWriteError
+from occjax.io.atomic import CannotWriteError, atomic_path
 from occjax.io.run_folder import open_run_folder, write_description
 from occjax.training.hosts import on_first_process
 from occjax.training.step import TrainState
 
 CHECKPOINTS = "checkpoints"
 DAMAGED = "damaged_checkpoints"
+CHECKSUMS = "sha256.json"
 CONFIG_FILE = "config.json"
 MAY_CHANGE = ("steps", "rematerialise", "occjax")
 """Settings that may differ when training is resumed: it may be longer, and the package newer."""
@@ -96,6 +98,7 @@ class Checkpoints:
             metrics = {SCORE_KEY: math.inf if score is None else score}
             with writing_checkpoint(self.folder):
                 self._manager.save(step, args=ocp.args.StandardSave(state), metrics=metrics)
+            on_first_process(partial(_write_checksums, self.folder / str(step)))
 
     def restore(self, like: TrainState) -> TrainState:
         """Read the latest checkpoint that is intact.
@@ -117,6 +120,7 @@ class Checkpoints:
         for step in steps:
             try:
                 with decoding_checkpoint(self.folder / str(step)):
+                    _verify_checksums(self.folder / str(step))
                     state = self._manager.restore(step, args=ocp.args.StandardRestore(like))
             except InputError as error:
                 damaged.append(error)
@@ -177,10 +181,14 @@ def decoding_checkpoint(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(
-            f"{path}: is not a complete checkpoint of this training ({_reason(error)}); train in "
-            "another folder"
-        ) from error
+        raise _damaged(path, _reason(error)) from error
+
+
+def _damaged(path: Path, reason: str) -> InputError:
+    """Return the error of a folder that cannot be used as a checkpoint."""
+    return InputError(
+        f"{path}: is not a complete checkpoint of this training ({reason}); train in another folder"
+    )
 
 
 class _Repeated(logging.Filter):
@@ -239,6 +247,30 @@ def open_training_folder(folder: Path, description: Mapping[str, Any]) -> None:
     description = {"occjax": occjax.__version__, **description}
     open_run_folder(folder, CONFIG_FILE, description, contents="a training", may_differ=MAY_CHANGE)
     write_description(folder / CONFIG_FILE, description)
+
+
+def _checksums(checkpoint: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file of the state, by its path in the checkpoint."""
+    checksums = {}
+    for path in sorted(checkpoint.glob("default/**/*")):
+        if path.is_file():
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            checksums[path.relative_to(checkpoint).as_posix()] = digest
+    return checksums
+
+
+def _write_checksums(checkpoint: Path) -> None:
+    """Write the checksums of a new checkpoint: Orbax does not notice a changed array."""
+    with writing_checkpoint(checkpoint), atomic_path(checkpoint / CHECKSUMS) as temporary:
+        temporary.write_text(json.dumps(_checksums(checkpoint), indent=1), encoding="utf-8")
+
+
+def _verify_checksums(checkpoint: Path) -> None:
+    """Raise an error if the state differs from its checksums; older checkpoints have none."""
+    path = checkpoint / CHECKSUMS
+    if path.is_file() and json.loads(path.read_bytes()) != _checksums(checkpoint):
+        raise _damaged(checkpoint, "its files have other checksums")
 
 
 def _score(metrics: Mapping[str, float]) -> float:

@@ -74,12 +74,21 @@ def assert_same(one, other):
         np.testing.assert_array_equal(ours, theirs)
 
 
+def flip_a_bit(file):
+    """Change one bit in the middle of a file."""
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("damage", [truncate, flip_a_bit])
 @pytest.mark.usefixtures("unawaited")
-def test_a_damaged_checkpoint_is_named_and_the_one_before_it_is_used(trained, begin, tmp_path):
+def test_a_damaged_checkpoint_is_named_and_the_one_before_it_is_used(
+    damage, trained, begin, tmp_path
+):
     (result, folder), copy = trained, tmp_path / "run"
     shutil.copytree(folder, copy)
-    data = max(files_of(copy / "checkpoints" / "6"), key=lambda file: file.stat().st_size)
-    truncate(data)
+    damage(max(files_of(copy / "checkpoints" / "6"), key=lambda file: file.stat().st_size))
     with pytest.warns(UserWarning, match=r"checkpoints/6: is damaged.* step 4, 2 steps are lost"):
         again = begin(copy)
     assert_same(again.state, result.state)
@@ -91,7 +100,7 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_it_is_used(trained, be
 def test_whatever_file_of_a_checkpoint_is_cut_or_missing_training_resumes(trained, tmp_path):
     """No other exception comes out, and no wrong state: that of step 6 or, with a warning, 4.
 
-    Every second file is missing, the others are cut.
+    The files are in turn missing, cut, and changed in one bit.
     """
     result, folder = trained
     like = jax.tree.map(
@@ -103,7 +112,7 @@ def test_whatever_file_of_a_checkpoint_is_cut_or_missing_training_resumes(traine
     for number, file in enumerate(files):
         copy = tmp_path / str(number)
         shutil.copytree(folder / "checkpoints", copy / "checkpoints")
-        damage = os.unlink if number % 2 else truncate
+        damage = (os.unlink, truncate, flip_a_bit)[number % 3]
         damage(copy / file.relative_to(folder))
         with warnings.catch_warnings(action="ignore"), Checkpoints(copy, keep=3) as found:
             state = found.restore(like)
