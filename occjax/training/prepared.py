@@ -365,7 +365,9 @@ def _description(
         **described,
         "pools": [read_description(Path(pool) / DESCRIPTION) for pool in pools],
         "network": json.loads(
-            config_to_json(dataclasses.replace(network, selector=None, planar=None))
+            config_to_json(
+                dataclasses.replace(network, selector=None, planar=None, weighted_median=None)
+            )
         ),
         "seed": seed,
         "augmentation": {name: getattr(augmentation, name) for name in varied},

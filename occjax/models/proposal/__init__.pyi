@@ -9,6 +9,7 @@ from .config import (
     RefinementConfig as RefinementConfig,
     SearchConfig as SearchConfig,
     SelectorConfig as SelectorConfig,
+    WeightedMedianConfig as WeightedMedianConfig,
 )
 from .network import (
     ProposalNet as ProposalNet,

@@ -2,7 +2,7 @@
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
 data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection,
-planar surfaces.
+planar surfaces, weighted median.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalNetConfig.reach``.
@@ -243,6 +243,25 @@ class PlanarConfig:
 
 
 @dataclass(frozen=True)
+class WeightedMedianConfig:
+    """Weighted median that replaces the disparity of uncertain pixels.
+
+    Attributes:
+        max_confidence: Confidence below which a pixel is uncertain.
+        radius: Half width of the window, in samples.
+        step_px: Distance of the samples, in pixels.
+        deviation_px: Distance that reduces the weight of a sample by ``exp(-1 / 2)``, in pixels.
+        grey_scale: Difference of grey values that reduces the weight of a sample by ``exp(-1)``.
+    """
+
+    max_confidence: float = 0.8
+    radius: int = 2
+    step_px: int = 2
+    deviation_px: float = 2.8
+    grey_scale: float = 0.02
+
+
+@dataclass(frozen=True)
 class ConfidenceConfig:
     """Confidence of the disparity.
 
@@ -270,6 +289,8 @@ class ProposalNetConfig:
         proposals: Proposals and their costs.
         selector: Learned selection; None skips proposals and selection.
         planar: Planes of large planar surfaces; None keeps the selected disparity.
+        weighted_median: Weighted median around pixels whose selection is uncertain; None keeps
+            their disparity.
         confidence: Confidence of the disparity.
         views: Views of a grid that are compared with the centre view. The two outermost views in
             eight directions carry most of the information.
@@ -286,6 +307,7 @@ class ProposalNetConfig:
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
     planar: PlanarConfig | None = PlanarConfig()
+    weighted_median: WeightedMedianConfig | None = WeightedMedianConfig()
     confidence: ConfidenceConfig = ConfidenceConfig()
     views: Arrangement = "outer_star"
     reach: float = 4.0
@@ -317,6 +339,7 @@ PRESETS: dict[str, ProposalNetConfig] = {
         ),
         selector=None,
         planar=None,
+        weighted_median=None,
         views="all",
     ),
 }

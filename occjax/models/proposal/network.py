@@ -30,6 +30,7 @@ from occjax.models.proposal.proposals import ProposalCosts, Proposals, make_prop
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
 from occjax.models.proposal.selector import ProposalSelector
+from occjax.models.proposal.weighted_median import replace_uncertain
 from occjax.ops import confidence, expected_disparity
 from occjax.ops.sampling import as_coordinates, as_images
 
@@ -147,6 +148,9 @@ class ProposalNet(nn.Module):
             deviation = confidence(selection.probabilities, change).standard_deviation
         if self.config.planar is not None:
             disparity = flatten_planar_surfaces(disparity, refined.information, self.config.planar)
+        if self.config.weighted_median is not None:
+            centre = grey.views[centre_index(grey.views.shape[:2])]
+            disparity = replace_uncertain(disparity, certainty, centre, self.config.weighted_median)
         output = ProposalOutput(
             disparity, coarse, refined.disparity, certainty, deviation, selection
         )

@@ -1,0 +1,85 @@
+"""Weighted median around uncertain pixels: the disparity of the certain pixels that look alike.
+
+The weights are those of Ma et al. (Constant Time Weighted Median Filtering for Stereo Matching and
+Beyond, ICCV 2013), times the squared confidence. Unlike a mean, a median does not blend the
+disparities of the two sides of a depth edge.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from occjax.kernels.reductions import sum_leading
+from occjax.models.proposal.config import WeightedMedianConfig
+
+
+def replace_uncertain(
+    disparity: Float[Array, "h w"],
+    confidence: Float[Array, "h w"],
+    centre: Float[Array, "h w"],
+    config: WeightedMedianConfig,
+) -> Float[Array, "h w"]:
+    """Replace the disparity of uncertain pixels by the weighted median of the pixels around them.
+
+    Args:
+        disparity: ``[h, w]`` disparity map.
+        confidence: ``[h, w]`` its confidence in [0, 1].
+        centre: ``[h, w]`` grey centre view.
+        config: Settings.
+
+    Returns:
+        ``[h, w]`` disparity map; pixels of sufficient confidence keep their disparity.
+
+    Example:
+        >>> wall = jnp.ones((9, 9)).at[4, 4].set(5.0)
+        >>> certain = jnp.ones((9, 9)).at[4, 4].set(0.1)
+        >>> grey = jnp.full((9, 9), 0.5)
+        >>> float(replace_uncertain(wall, certain, grey, WeightedMedianConfig()).max())
+        1.0
+    """
+    height, width = disparity.shape
+    margin = config.radius * config.step_px
+    steps = range(0, 2 * margin + 1, config.step_px)
+    places = list(itertools.product(steps, steps))
+
+    def pad(image: Float[Array, "h w"]) -> Float[Array, "y x"]:
+        return jnp.pad(image, margin, mode="edge")
+
+    def around(padded: Float[Array, "y x"]) -> list[Float[Array, "h w"]]:
+        return [padded[y : y + height, x : x + width] for y, x in places]
+
+    # Where nothing is certain, all pixels count.
+    certainties = around(pad(jnp.square(confidence) + 1e-6))
+    neighbours = zip(places, certainties, around(pad(centre)), strict=True)
+    weights = jnp.stack(
+        [
+            _proximity(y - margin, x - margin, config)
+            * certainty
+            * jnp.exp(-jnp.abs(grey - centre) / config.grey_scale)
+            for (y, x), certainty, grey in neighbours
+        ]
+    )
+    half, padded = sum_leading(weights) / 2, pad(disparity)
+
+    def lower(median: Float[Array, "h w"], place: Int[Array, "2"]):
+        value = jax.lax.dynamic_slice(padded, place, (height, width))
+        # Sums of slices are one loop over the pixels; a stack would be read from memory.
+        terms = zip(around(padded), weights, strict=True)
+        weight_up_to_value = sum(jnp.where(other <= value, weight, 0.0) for other, weight in terms)
+        found = (weight_up_to_value >= half) & (value < median)
+        return jnp.where(found, value, median), None
+
+    # The median is the smallest value up to which there is half of the weight.
+    start = jnp.full_like(disparity, jnp.inf)
+    median, _ = jax.lax.scan(lower, start, jnp.asarray(places))
+    return jnp.where(confidence < config.max_confidence, median, disparity)
+
+
+def _proximity(y: int, x: int, config: WeightedMedianConfig) -> float:
+    """Return the weight of a pixel by its distance from the uncertain one."""
+    return math.exp(-(y**2 + x**2) / (2 * config.deviation_px**2))
