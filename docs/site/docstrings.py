@@ -13,7 +13,7 @@ EXAMPLE = re.compile(r"^( *)Example:$", re.MULTILINE)
 def as_list(table):
     """Return the rows of a table as a list; a line that begins with a space continues its row."""
     rows = re.sub(r"\n +", " ", table[1]).splitlines()
-    return "\n".join("- " + re.sub(r" {2,}", " – ", row, count=1) for row in rows)
+    return "\n".join("- " + re.sub(r" {2,}", ": ", row, count=1) for row in rows)
 
 
 class Docstrings(griffe.Extension):
