@@ -10,10 +10,16 @@ TABLE = re.compile(r"^=+ +=+\n(.*?)^=+ +=+$", re.MULTILINE | re.DOTALL)
 EXAMPLE = re.compile(r"^( *)Example:$", re.MULTILINE)
 
 
+def as_list(table):
+    """Return the rows of a table as a list; a line that begins with a space continues its row."""
+    rows = re.sub(r"\n +", " ", table[1]).splitlines()
+    return "\n".join("- " + re.sub(r" {2,}", ": ", row, count=1) for row in rows)
+
+
 class Docstrings(griffe.Extension):
     """Rewrites all docstrings, and leaves out the checks of dataclasses.
 
-    References become code, ``Example`` the section ``Examples``, a table text of fixed width.
+    References become code, ``Example`` the section ``Examples``, a table of two columns a list.
     """
 
     def on_package(self, *, pkg, **_):
@@ -26,7 +32,7 @@ class Docstrings(griffe.Extension):
             seen.add(obj.path)
             if obj.docstring is not None:
                 text = ROLE.sub(r"`\1`", obj.docstring.value)
-                text = TABLE.sub(r"```text\n\1```", LITERAL_BLOCK.sub("", text))
+                text = TABLE.sub(as_list, LITERAL_BLOCK.sub("", text))
                 obj.docstring.value = EXAMPLE.sub(r"\1Examples:", text)
             getattr(obj, "members", {}).pop("__post_init__", None)
             for member in getattr(obj, "members", {}).values():

@@ -20,8 +20,9 @@
 ``occlusion.png``           occlusion: the same as a figure
 ``stages.npy``              stages: ``[S, H, W]`` float32 disparity after each stage, if there are
                             several
-``views.npz``, ``views/``,  maps and points of all views, if they were estimated, see
-``views.ply``               :mod:`occjax.results.view_maps`
+``views.npz``, ``views/``   maps of all views, if they were estimated, see
+                            :mod:`occjax.results.view_maps`
+``views.ply``               points that several of these maps agree on
 ``summary.json``            settings, scores and timings, see :mod:`occjax.results.summary`
 ==========================  ====================================================================
 

@@ -173,10 +173,11 @@ def legend(scene: ViewedScene, result: int, mode: Mode) -> Legend | None:
         return Legend(0.0, 1.0, confidence_colours(), "confidence (1 is certain)")
     if mode in ("error", "difference"):
         _, colours, ticks = error_scale()
-        minus = "ground truth"
+        label = "disparity minus ground truth (red is too near)"
         if mode == "difference":
-            minus = scene.results[compared_with(result)].name
-        return Legend(ticks[0], ticks[-1], colours, f"disparity minus {minus} (red is too near)")
+            other = scene.results[compared_with(result)].name
+            label = f"disparity minus {other} (red is nearer than there)"
+        return Legend(ticks[0], ticks[-1], colours, label)
     return None
 
 

@@ -131,7 +131,7 @@ def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 234) 
         width: Approximate length of the longer side, in pixels.
 
     Returns:
-        ``[height, width, 3]`` uint8.
+        ``[height, width, 3]`` uint8. A dark patch is brightened (:func:`brightened`).
     """
     known = np.isfinite(patch).all(axis=-1)
     centre = np.array(centre_index(known.shape))
@@ -140,7 +140,7 @@ def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 234) 
     v, u = centre - (rows[0], columns[0])
     patch, occluded = patch[inner], (occluded & known)[inner]
     tile = max(8, width // max(occluded.shape))
-    colours = _with_grey(patch)
+    colours = _with_grey(brightened(patch))
     drawn = Image.fromarray(np.repeat(np.repeat(colours, tile, axis=0), tile, axis=1))
     draw = ImageDraw.Draw(drawn)
     gap, line = tile // 6, max(2, tile // 10)

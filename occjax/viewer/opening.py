@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import os
 import sys
 import warnings
@@ -236,10 +237,10 @@ def _view_text(summary: dict[str, Any]) -> str:
 
 
 def _views_of(summary: dict[str, Any]) -> LightField:
-    """Read the views that were estimated, from where they were then."""
+    """Read the views that were estimated, from where they were then, with the same options."""
     source = summary.get("source")
     if source is not None:
-        light_field = load(source)
+        light_field = load(source, **_reading_options(summary))
     elif summary.get("scene") == "sample":
         light_field = sample()
     else:
@@ -248,6 +249,17 @@ def _views_of(summary: dict[str, Any]) -> LightField:
         raise InputError(f"those of {light_field.name} have another size")
     # The estimate used only these views.
     return light_field.central(*whole_grid(summary["grid"], summary.get("view")))
+
+
+def _reading_options(summary: dict[str, Any]) -> dict[str, Any]:
+    """Return the options with which ``occjax estimate`` read the views, as far as known."""
+    options = (summary.get("settings") or {}).get("options", {})
+    accepted = inspect.signature(load).parameters
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in options.items()
+        if name in accepted
+    }
 
 
 def _has_display() -> bool:

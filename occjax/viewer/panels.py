@@ -146,7 +146,7 @@ class CloudPanel:
             self.look = gui.add_button(
                 "Look from the camera",
                 icon=viser.Icon.CAMERA,
-                hint="Turn back to where the centre view was taken.",
+                hint=f"Turn back to where the {scene.view_name} was taken.",
             )
         self.page.when_changed((self.mode,), "colours", self.show_colours)
         self.page.when_changed((self.threshold, self.hide_flying), "points", self.show_points)
@@ -384,7 +384,9 @@ class PixelPanel:
         self.page, gui = page, page.server.gui
         height, width = page.scene.image_size
         y, x = page.selected.pixel
-        gui.add_markdown("Click a point of the cloud, or type its place in the centre view.")
+        gui.add_markdown(
+            f"Click a point of the cloud, or type its place in the {page.scene.view_name}."
+        )
         self.y = gui.add_number("Row y", y, min=0, max=height - 1, step=1, hint="0 is the top.")
         self.x = gui.add_number("Column x", x, min=0, max=width - 1, step=1, hint="0 is the left.")
         self.numbers = gui.add_markdown("")
@@ -401,7 +403,7 @@ class PixelPanel:
             select(int(self.y.value), int(self.x.value))
 
     def _add_pictures(self) -> None:
-        gui, config = self.page.server.gui, self.page.config
+        page, gui, config = self.page, self.page.server.gui, self.page.config
         black = np.zeros((8, 8, 3), np.uint8)
         with gui.add_folder("Epipolar plane image"):
             self.line = gui.add_dropdown(
@@ -419,8 +421,9 @@ class PixelPanel:
         with gui.add_folder("Angular patch"):
             self._patch = gui.add_image(black, format="png")
             gui.add_markdown(
-                "The colour of the point in each view, one square per view. Crossed views see "
-                f"something else (occlusion map above {config.occluded_above:g}): an occluder, or "
+                "The colour of the point in each view, one square per view; dark ones are "
+                "brightened. Crossed views see something else "
+                f"(occlusion map above {config.occluded_above:g}): an occluder, or "
                 "the disparity is wrong. The view of the map has a yellow frame."
             )
         with gui.add_folder("Matching cost"):
@@ -436,11 +439,12 @@ class PixelPanel:
                 height=190,
             )
             gui.add_markdown(
-                "How much the views differ from the centre view if the point had this disparity. "
-                "The pink line is the estimate; it should be at a low point. Where something "
-                "hides the point from some views, only the yellow curve has a low point there."
+                f"How much the views differ from the {page.scene.view_name} if the point had this "
+                "disparity. The pink line is the estimate; it should be at a low point. Where "
+                "something hides the point from some views, only the yellow curve has a low point "
+                "there."
             )
-        self.page.when_changed((self.line,), "epi", self._show_epi)
+        page.when_changed((self.line,), "epi", self._show_epi)
 
     def show_result(self) -> None:
         """Show the picked pixel in the selected result."""

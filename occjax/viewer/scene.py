@@ -79,6 +79,12 @@ class ViewedScene:
         """``[H, W]`` true disparity, if known."""
         return None if self.light_field is None else self.light_field.ground_truth
 
+    @property
+    def view_name(self) -> str:
+        """Name of the view that the maps are of: ``"centre view"`` or ``"view (v, u)"``."""
+        view = None if self.light_field is None else self.light_field.view
+        return "centre view" if view is None else f"view ({view[0]}, {view[1]})"
+
     @cached_property
     def centre(self) -> np.ndarray | None:
         """``[H, W, 3]`` uint8 centre view, if the views are available."""

@@ -193,10 +193,10 @@ def _description(scene: ViewedScene) -> str:
     height, width = scene.image_size
     views = "without its views"
     if scene.light_field is not None:
-        view = scene.light_field.view
-        views = "{}x{} views".format(*whole_grid(scene.light_field.grid, view))
-        if view is not None:
-            views = f"view ({view[0]}, {view[1]}) of {views}"
+        light_field = scene.light_field
+        views = "{}x{} views".format(*whole_grid(light_field.grid, light_field.view))
+        if light_field.view is not None:
+            views = f"{scene.view_name} of {views}"
     depth = "points in metres" if scene.calibration else "relief: depth without true scale"
     return (
         f"**{scene.name}**, {views} of {height}x{width} pixels, {depth}.\n\n"

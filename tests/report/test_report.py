@@ -149,6 +149,9 @@ def test_a_view_that_is_not_the_centre_view_is_named(tmp_path):
     text = (tmp_path / "report.html").read_text("utf-8")
     assert "3x5 views" in text
     assert "<figcaption>View (0, 1)</figcaption>" in text
+    # The sliders start at the view furthest from (0, 1).
+    inputs = [attributes for _, attributes in Page(text).elements if "data-axis" in attributes]
+    assert [attributes["value"] for attributes in inputs] == ["2", "4"]
     occlusion = Page(text).data[0]["occlusion"]
     assert (occlusion["grid"], occlusion["centre"]) == ([3, 5], [0, 1])
     encoded = occlusion["image"].removeprefix("data:image/jpeg;base64,")
@@ -227,9 +230,11 @@ def test_a_browser_shows_the_values_under_the_pointer_and_draws_the_points(page,
 
         section.locator("[data-axis='1']").fill("4")
         view = section.locator(".view").inner_text()
-        for _ in range(2):
-            shown.locator("#index button", has_text="scene").click()
-        order = shown.locator("#index tbody a").all_inner_texts()
+        orders = {}
+        for heading in ("scene", "MSE x100"):
+            for direction in ("ascending", "descending"):
+                shown.locator("#index th", has_text=heading).click()
+                orders[heading, direction] = shown.locator("#index tbody a").all_inner_texts()
         browser.close()
     assert not errors
     disparity, truth = results[1].disparity[10, 20], results[1].light_field.ground_truth[10, 20]
@@ -239,7 +244,11 @@ def test_a_browser_shows_the_values_under_the_pointer_and_draws_the_points(page,
         f"\u00b7 error {disparity - truth:.3f} \u00b7 depth {depth:.3f} m"
     )
     assert view == "(0, 4)"
-    assert order == ["little", "a <b> & c"]  # descending
+    assert orders["scene", "ascending"] == ["a <b> & c", "little"]
+    assert orders["scene", "descending"] == ["little", "a <b> & c"]
+    # "little" has no ground truth, so no error by which it could be the best or the worst.
+    assert orders["MSE x100", "ascending"] == ["a <b> & c", "little"]
+    assert orders["MSE x100", "descending"] == ["a <b> & c", "little"]
     drawn = [np.mean(picture != 32) for picture in pictures]
     assert drawn[0] > 0.3
     assert drawn[1] < 0.02

@@ -60,6 +60,7 @@ def test_a_person_looks_at_the_cloud_moves_sliders_and_picks_a_point(browser, vi
     # The other result is nearer on the right: its disparity is yellow there, and blue on the left.
     viewer.comparison.result.value = "wrong"
     viewer.cloud.mode.value = "disparity"
+    viewer.select_pixel(3, 4)  # on the left
     viewer.wait_until_idle()
     page.wait_for_timeout(2000)
     left, right = np.array_split(canvas(), 2, axis=1)
@@ -67,8 +68,10 @@ def test_a_person_looks_at_the_cloud_moves_sliders_and_picks_a_point(browser, vi
     assert (right[..., 0] - right[..., 2] > 100).mean() > 0.4
 
     # A click picks the point under the cursor.
+    page.get_by_text("0.500 pixels per view step").wait_for()
     page.mouse.click(box["x"] + 0.6 * box["width"], box["y"] + 0.5 * box["height"])
     page.get_by_text("1.500 pixels per view step").wait_for()
+    viewer.wait_until_idle()
     y, x = viewer.pixel.y.value, viewer.pixel.x.value
     assert 8 <= y <= 16
     assert 17 <= x <= 26

@@ -64,6 +64,9 @@ def test_the_difference_is_red_where_a_result_is_nearer_and_blue_where_it_is_far
     assert (shown[..., 0] > shown[..., 2]).all()
     shown = picture(scene(RAMP, RAMP + np.float32(0.3)), 0, "difference")
     assert (shown[..., 0] < shown[..., 2]).all()
+    # Neither of the two is the truth, so nothing is "too" near.
+    label = legend(scene(RAMP, RAMP), 0, "difference").label
+    assert label == "disparity minus map 1 (red is nearer than there)"
 
 
 def test_results_share_the_range_of_the_disparity_colours():

@@ -54,6 +54,19 @@ def test_the_views_are_read_from_where_the_summary_says(tmp_path, light_field, e
         assert read_scene([tmp_path / "out"]).light_field is None
 
 
+def test_the_views_are_read_with_the_options_of_the_estimate(tmp_path, light_field, estimate):
+    # Files that count columns first, from bottom to top, of which the centre row is used.
+    stored = light_field.views[::-1].swapaxes(0, 1)
+    np.save(tmp_path / "views.npy", stored)
+    row = dataclasses.replace(light_field.central(1, 3), source=tmp_path / "views.npy")
+    options = {"order": "uv", "flip": "v", "views": [1, 3], "save": ["maps"], "all_views": False}
+    settings = {"options": options}
+    outputs = OutputOptions(("maps",))
+    write_outputs(estimate, row, tmp_path / "out", outputs, settings=settings)
+    shown = read_scene([tmp_path / "out"]).light_field
+    np.testing.assert_array_equal(shown.views, light_field.views[1:2])
+
+
 def test_another_view_is_shown_with_the_views_around_it(tmp_path, light_field, estimate):
     np.save(tmp_path / "views.npy", light_field.views)
     whole = dataclasses.replace(light_field, source=tmp_path / "views.npy")
@@ -67,6 +80,7 @@ def test_another_view_is_shown_with_the_views_around_it(tmp_path, light_field, e
         assert (viewer.view.v.value, viewer.view.v.max) == (0, 2)
         assert (viewer.view.u.value, viewer.view.u.max) == (2, 2)
         viewer.wait_until_idle()
+    assert scene.view_name == "view (0, 2)"
     write_outputs(estimate, whole, tmp_path / "centre", OutputOptions(("maps",)))
     with pytest.raises(InputError, match=r"of the view \(0, 2\), but .* of the centre view"):
         read_scene([tmp_path / "centre", tmp_path / "corner"])

@@ -95,6 +95,15 @@ def test_a_dark_epipolar_plane_image_is_brightened():
     assert (drawn == 179).all()
 
 
+def test_a_dark_angular_patch_is_brightened():
+    patch = np.full((3, 3, 1), 0.1, np.float32)
+    patch[0, 0] = 0.05
+    tiles = patch_picture(patch, np.zeros((3, 3), bool), width=90).reshape(3, 30, 3, 30, 3)
+    middles = tiles[:, 15, :, 15]
+    assert (middles[0, 0] == 89).all()  # half of 0.7, in 8 bits
+    assert (middles[2, 2] == 179).all()
+
+
 def test_the_slope_line_passes_through_the_point_in_each_view():
     epi = EpipolarImage(np.zeros((5, 81, 3), np.float32), np.arange(-2.0, 3.0), 60)
     drawn = epipolar_picture(epi, 100, -6.0, width=648)  # 8 pixels for each value

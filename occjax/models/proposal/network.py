@@ -302,7 +302,8 @@ def _selection_confidence(
     assert config.selector is not None
     distance = jnp.abs(selection.proposed - selection.disparity[None])
     near = distance <= config.selector.window
-    probability = sum_leading(jnp.where(near, selection.probabilities, 0.0))
+    # Rounding can make the sum larger than 1.
+    probability = jnp.minimum(sum_leading(jnp.where(near, selection.probabilities, 0.0)), 1.0)
     return probability * jnp.minimum(certainty / config.confidence.sufficient_certainty, 1.0)
 
 

@@ -299,8 +299,8 @@ async function showScene(section) {
 function sortable(table) {
   const headings = [...table.tHead.rows[0].cells];
   headings.forEach((heading, column) => {
-    heading.querySelector("button").addEventListener("click", () => {
-      const sign = heading.ariaSort === "ascending" ? -1 : 1;
+    heading.addEventListener("click", () => {
+      const sign = heading.getAttribute("aria-sort") === "ascending" ? -1 : 1;
       for (const other of headings) other.removeAttribute("aria-sort");
       heading.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
       const text = (row) => row.cells[column].textContent;
@@ -310,7 +310,9 @@ function sortable(table) {
       if (rows.every((row) => text(row) === "" || Number.isFinite(Number(text(row))))) {
         rows.sort((a, b) => sign * (Number(text(a)) - Number(text(b))));
       }
-      table.tBodies[0].append(...rows);
+      // Scenes without the value come last in both directions.
+      const isEmpty = (row) => text(row) === "";
+      table.tBodies[0].append(...rows.filter((row) => !isEmpty(row)), ...rows.filter(isEmpty));
     });
   });
 }
