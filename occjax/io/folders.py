@@ -22,6 +22,7 @@ from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.limits import ReadLimits
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
+from occjax.io.naming.fitting_patterns import fitting_patterns
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import read_positions
 from occjax.io.view_files import ViewFiles
@@ -131,11 +132,25 @@ def _file_names(folder: Path, *, nested: bool) -> list[str]:
             what = "a folder" if entry.is_dir() else "a link to a missing file"
             raise InputError(f"{entry.path}: is {what}, not an image; replace or remove it")
     if folders and not any(name.lower().endswith(IMAGE_SUFFIXES) for name in files):
+        patterns = subfolder_patterns(folder) or ["row{v}/c{u}.png"]
         raise InputError(
-            f"{folder}: has no images; it has folders: {first_few(folders)}; name one of them, or "
-            "pass pattern (--pattern 'row{v}/c{u}.png')"
+            f"{folder}: has no images; it has folders: {first_few(folders)}; name one of them, or, "
+            "if they hold the views of one light field, pass pattern (--pattern "
+            f"{' or '.join(map(repr, patterns[:2]))})"
         )
     return files
+
+
+def subfolder_patterns(folder: Path) -> list[str]:
+    """Return the patterns that fit the images in the sub-folders of a folder, taken together.
+
+    Args:
+        folder: Folder whose sub-folders may hold the views of one light field.
+    """
+    with reading(folder):
+        files = (path.relative_to(folder).as_posix() for path in folder.glob("*/*"))
+        names = [name for name in files if "." not in (name[0], name[name.index("/") + 1])]
+    return fitting_patterns([name for name in names if name.lower().endswith(IMAGE_SUFFIXES)])
 
 
 def _read_config(folder: Path) -> HciConfig | None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from occjax.cli.scene_lists import listed_scenes
 from occjax.errors import InputError
 from occjax.io import GridWarning, load, read_pfm
 from occjax.io.arrays import write_arrays
@@ -365,3 +366,31 @@ def test_an_image_that_cannot_be_decoded_is_a_missing_view(tmp_path, views):
 def test_usable_views_are_stored(tmp_path, views):
     write_arrays(tmp_path / "scene.npz", LightField(views, usable=ROUND))
     np.testing.assert_array_equal(load_unchecked(tmp_path / "scene.npz").usable, ROUND)
+
+
+@pytest.mark.parametrize(
+    ("name", "pattern", "grid"),
+    [
+        (lambda v, u: f"row{v}/c{u}.png", "row{v}/c{u}.png", (5, 3)),
+        (lambda v, u: f"cam{5 * v + u:02d}/image.png", "cam{i}/image.png", (5, 5)),
+    ],
+)
+def test_views_in_subfolders_are_one_light_field(tmp_path, views, name, pattern, grid):
+    """Three or one image in a folder are no light field, so that the folders are not scenes."""
+    views = views[: grid[0], : grid[1]]
+    save_views(tmp_path, views, name)
+    assert listed_scenes((tmp_path,), None) == (tmp_path,)
+    with pytest.raises(InputError, match=re.escape(f"pass pattern (--pattern {pattern!r})")):
+        load_unchecked(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GridWarning)
+        loaded = load_unchecked(tmp_path, pattern=pattern)
+    np.testing.assert_array_equal(loaded.views, views)
+    folders = sorted(path for path in tmp_path.iterdir())
+    assert listed_scenes((tmp_path,), None, grid=(1, 3)) == tuple(folders)
+
+
+@pytest.mark.parametrize("name", ["input_Cam{:03d}.png", "NAME_01_{:02d}.png"])
+def test_scenes_of_a_known_layout_are_no_parts_of_a_light_field(tmp_path, views, name):
+    save_views(tmp_path, views[:2, :3], lambda v, u: f"scene{v}/{name.format(u)}")
+    assert listed_scenes((tmp_path,), None) == (tmp_path / "scene0", tmp_path / "scene1")
