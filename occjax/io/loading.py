@@ -69,7 +69,8 @@ def load(
         layout: Layout of the files (:data:`Layout`); None to detect it.
         pattern: File names of the views, with ``{v}`` and ``{u}`` for row and column or ``{i}`` for
             the number, row by row.
-        grid: ``(V, U)``, rows and columns of views as stored; None to detect it. With layout
+        grid: ``(V, U)``, rows and columns of views as stored; None to detect it. An array that has
+            one axis of views in place of two needs it. With layout
             ``"quilt"``, rows and columns of tiles.
         order: ``"vu"`` if the files count rows first, ``"uv"`` if columns, ``"serpentine"`` if they
             count rows first and every second row backwards.
@@ -192,7 +193,7 @@ def _read(
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
     suffix = path.suffix.lower()
     if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
-        light_field = read_arrays(path, key=key)
+        light_field = read_arrays(path, key=key, grid=grid)
         if light_field.positions is not None:
             warn_of_unit(path, light_field.positions)
         return light_field, None
