@@ -139,7 +139,7 @@ def estimate_command(
     from occjax.results.outputs import output_options
 
     nested = view_order.pattern is not None and "/" in view_order.pattern
-    scenes = listed_scenes(scenes, scenes_from, expand_folders=not nested)
+    scenes = listed_scenes(scenes, scenes_from, expand_folders=not nested, grid=view_order.grid)
     options = output_options(save, min_confidence)
     if report:
         from occjax.report.page import check_report

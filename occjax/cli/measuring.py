@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -103,13 +104,15 @@ def check_command(
 ) -> int:
     """Measure the view order and the disparity range of the scene."""
     from occjax.cli.view_order_text import format_report
-    from occjax.layout import ViewOrderConfig, check
+    from occjax.io import ViewOrderWarning
+    from occjax.layout import check
 
-    light_field = view_order.load(path, check_orientation=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ViewOrderWarning)  # the report says it
+        light_field = view_order.load(path)
     v, u = light_field.grid
     h, w = light_field.image_size
     print(f"{light_field.name}: {v}x{u} views of {h}x{w} pixels (rows x columns)")
     declared = declared_orientation(view_order.order, view_order.flip)
-    report = check(light_field, ViewOrderConfig(max_disparity_px=view_order.max_disparity))
-    print(format_report(report, declared))
+    print(format_report(check(light_field), declared))
     return 0

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import glob
+import math
 import re
 from pathlib import Path
 
 from occjax.errors import InputError
 from occjax.io.containers import CONTAINER_SUFFIXES
 from occjax.io.files import decoding
+from occjax.io.folders import subfolder_patterns
 from occjax.io.images import IMAGE_SUFFIXES
+from occjax.io.naming.patterns import NAMES
 
 ARRAY_SUFFIXES = (".npz", ".npy", *CONTAINER_SUFFIXES)
 """Suffixes of files that hold a whole light field."""
 
 
 def listed_scenes(
-    scenes: tuple[Path, ...], scenes_from: Path | None, *, expand_folders: bool = True
+    scenes: tuple[Path, ...],
+    scenes_from: Path | None,
+    *,
+    expand_folders: bool = True,
+    grid: tuple[int, int] | None = None,
 ) -> tuple[Path, ...]:
     """Return the scenes that the arguments of a command name, in their order.
 
@@ -28,6 +35,8 @@ def listed_scenes(
         scenes_from: Text file with one more of them on each line; paths are relative to the current
             folder, and empty lines and lines that begin with ``#`` are ignored.
         expand_folders: Whether folders may hold scenes; False if views are in sub-folders.
+        grid: Declared ``(V, U)`` of each scene; None if it is unknown. Sub-folders of equally many
+            images that form no square are then the rows of one light field.
 
     Returns:
         Files and folders, each once.
@@ -46,7 +55,7 @@ def listed_scenes(
         scenes += tuple(Path(line) for line in stripped if line and not line.startswith("#"))
     found = [path for scene in scenes for path in _matches(scene)]
     if expand_folders:
-        found = [path for place in found for path in _scenes_in(place)]
+        found = [path for place in found for path in _scenes_in(place, grid)]
     if not found:
         raise InputError(f"{scenes_from}: lists no scene; write one path on each line")
     return tuple(dict.fromkeys(found))
@@ -73,7 +82,7 @@ def _matches(scene: Path) -> list[Path]:
     return sorted(found, key=natural_order)
 
 
-def _scenes_in(place: Path) -> list[Path]:
+def _scenes_in(place: Path, grid: tuple[int, int] | None) -> list[Path]:
     """Return the scenes in a folder of scenes; any other path is a scene itself."""
     if not place.is_dir():
         return [place]
@@ -82,5 +91,20 @@ def _scenes_in(place: Path) -> list[Path]:
     if any(file.suffix.lower() in IMAGE_SUFFIXES for file in files):
         return [place]
     folders = [entry for entry in entries if entry.is_dir()]
+    if len(folders) > 1 and grid is None and _hold_parts(folders) and subfolder_patterns(place):
+        return [place]
     arrays = [file for file in files if file.suffix.lower() in ARRAY_SUFFIXES]
     return sorted(folders or arrays, key=natural_order) or [place]
+
+
+def _hold_parts(folders: list[Path]) -> bool:
+    """Return whether folders have equally many images each, which cannot be light fields alone."""
+    counts = set()
+    for folder in folders:
+        names = [path.name for path in folder.iterdir()]
+        arrays = any(name.lower().endswith(ARRAY_SUFFIXES) for name in names)
+        if arrays or any(known.fullmatch(name) for known in NAMES.values() for name in names):
+            return False
+        counts.add(sum(name.lower().endswith(IMAGE_SUFFIXES) for name in names))
+    count = counts.pop()
+    return not counts and (count == 1 or math.isqrt(count) ** 2 != count)

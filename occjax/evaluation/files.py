@@ -16,13 +16,13 @@ from occjax.evaluation.metrics import (
     evaluate,
 )
 from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
-from occjax.io.maps import read_map
+from occjax.io.maps import changed_maps, read_map
 
 MAX_DISPARITY_RATIO = 10.0
 """Largest plausible disparity per view step, relative to the larger side of the map."""
 
-MAX_FLIPPED_ERROR_RATIO = 0.3
-"""Ratio of the median errors, flipped to unflipped, below which one map is upside down."""
+MAX_CHANGED_ERROR_RATIO = 0.3
+"""Ratio of the median errors, changed map to given one, below which the given one is wrong."""
 
 
 def evaluate_files(
@@ -51,7 +51,8 @@ def evaluate_files(
             message names the files.
 
     Warns:
-        UserWarning: If one of the maps is upside down, or both are the same.
+        UserWarning: If one of the maps is upside down, mirrored or has the opposite sign, or both
+            are the same.
 
     Example:
         >>> import tempfile
@@ -70,7 +71,7 @@ def evaluate_files(
             f"{estimate_path} and {ground_truth_path} are the same map; the errors are 0",
             stacklevel=2,
         )
-    _warn_if_upside_down(f"{estimate_path} against {ground_truth_path}", estimate, ground_truth)
+    _warn_of_a_changed_map(f"{estimate_path} against {ground_truth_path}", estimate, ground_truth)
     border = default_border(ground_truth.shape) if border is None else border
     try:
         return evaluate(estimate, ground_truth, thresholds=thresholds, border=border)
@@ -78,18 +79,22 @@ def evaluate_files(
         raise InputError(f"{estimate_path} against {ground_truth_path}: {error}") from None
 
 
-def _warn_if_upside_down(names: str, estimate: np.ndarray, ground_truth: np.ndarray) -> None:
-    """Warn if the maps agree much better with the rows of one of them reversed."""
+def _warn_of_a_changed_map(names: str, estimate: np.ndarray, ground_truth: np.ndarray) -> None:
+    """Warn if the maps agree much better with one of them reversed or negated."""
     if estimate.shape != ground_truth.shape:
         return
-    readings = [np.abs(estimate - truth) for truth in (ground_truth, ground_truth[::-1])]
-    if not all(np.isfinite(errors).any() for errors in readings):
+    readings = {"": ground_truth, **changed_maps(ground_truth)}
+    errors = {words: np.abs(estimate - truth) for words, truth in readings.items()}
+    errors = {words: error[np.isfinite(error)] for words, error in errors.items()}
+    medians = {words: float(np.median(error)) for words, error in errors.items() if error.size}
+    if "" not in medians:
         return
-    median, flipped = (float(np.median(e[np.isfinite(e)])) for e in readings)
-    if median > BAD_PIXEL_THRESHOLD and flipped < MAX_FLIPPED_ERROR_RATIO * median:
+    best = min(medians, key=medians.__getitem__)
+    median, changed = medians[""], medians[best]
+    if median > BAD_PIXEL_THRESHOLD and changed < MAX_CHANGED_ERROR_RATIO * median:
         warnings.warn(
-            f"{names}: the maps agree better if the rows of one are reversed (median error "
-            f"{flipped:.3g} instead of {median:.3g}); one of them is upside down",
+            f"{names}: the maps agree better if the {best} of one of them (median error "
+            f"{changed:.3g} instead of {median:.3g}); correct the map that is wrong",
             stacklevel=3,
         )
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from occjax.errors import InputError, nearest
 from occjax.io.atomic import atomic_path
-from occjax.io.axes import axis_order, axis_roles
+from occjax.io.axes import axis_order, axis_roles, unstacked
 from occjax.io.files import decoding, file_size
 from occjax.io.limits import ReadLimits
 from occjax.lightfield import LightField
@@ -28,7 +28,9 @@ MAX_POSITION = 1e15
 """Magnitude from which a camera position cannot be a length in any unit."""
 
 
-def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
+def read_arrays(
+    path: str | Path, *, key: str | None = None, grid: tuple[int, int] | None = None
+) -> LightField:
     """Read a light field from ``.npz`` or ``.npy``.
 
     Args:
@@ -41,6 +43,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
             names does not matter.
         key: Name of the views in an ``.npz``, if it is not ``views``. Arrays of unknown names are
             then ignored.
+        grid: ``(V, U)`` of views ``[V * U, H, W]`` or ``[V * U, H, W, C]``, row by row.
 
     Returns:
         The light field, named after the file.
@@ -63,7 +66,7 @@ def read_arrays(path: str | Path, *, key: str | None = None) -> LightField:
             f"{path}: is one array without a name; leave out key (--key {key}), which chooses "
             "among the arrays of an .npz, HDF5 or .mat file"
         )
-    views = check_views(path, _find_views(path, arrays, key))
+    views = check_views(path, unstacked(_find_views(path, arrays, key), grid))
     fields = _optional_fields(path, arrays, key)
     if "ground_truth" in fields:
         fields["ground_truth"] = check_ground_truth(path, fields["ground_truth"], views.shape[2:4])
@@ -225,7 +228,8 @@ def check_views(path: Path, views: np.ndarray) -> np.ndarray:
     if not roles:
         raise InputError(
             f"{path}: views have the shape {list(views.shape)}; reorder them to [V, U, H, W] or "
-            "[V, U, H, W, C] with 1 or 3 channels"
+            "[V, U, H, W, C] with 1 or 3 channels; for [V * U, H, W] or [V * U, H, W, C] pass "
+            "grid (--grid V U)"
         )
     if not roles[0].startswith("AASS"):
         raise InputError(

@@ -98,3 +98,20 @@ def named_axis_order(names: str, shape: Sequence[int]) -> str | None:
 def to_usual_order(array: np.ndarray, order: str) -> np.ndarray:
     """Return an array of this order as ``[V, U, H, W]`` or ``[V, U, H, W, C]``."""
     return array.transpose([order.index(letter) for letter in "VUHWC" if letter in order])
+
+
+def unstacked(array: np.ndarray, grid: tuple[int, int] | None) -> np.ndarray:
+    """Return a stack of views ``[V * U, H, W]`` or ``[V * U, H, W, C]`` as a grid of them.
+
+    Args:
+        array: Array of any shape; one that is no stack of this many views is returned as it is.
+        grid: ``(V, U)``, views counted row by row; None to leave the array as it is.
+
+    Example:
+        >>> unstacked(np.zeros((6, 16, 24, 3)), (2, 3)).shape
+        (2, 3, 16, 24, 3)
+    """
+    colours = array.shape[3:] or (1,)
+    if grid is None or array.ndim not in (3, 4) or colours[0] > 4:
+        return array
+    return array.reshape(*grid, *array.shape[1:]) if len(array) == grid[0] * grid[1] else array

@@ -8,6 +8,7 @@ import numpy as np
 from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float
 
+from occjax.io.maps import changed_maps
 from occjax.layout import ViewOrderConfig
 from occjax.layout.report import view_order_scores
 from occjax.lightfield import LightField, centre_index, project, to_grey
@@ -62,13 +63,8 @@ def truth_fault(light_field: LightField) -> str | None:
     """
     truth = light_field.ground_truth
     assert truth is not None
-    readings = {
-        None: truth,
-        "its rows are reversed": truth[::-1],
-        "its columns are reversed": truth[:, ::-1],
-        "its rows and columns are reversed": truth[::-1, ::-1],
-        "its sign is reversed": -truth,
-    }
+    readings: dict[str | None, np.ndarray] = {None: truth}
+    readings |= {f"its {words}": changed for words, changed in changed_maps(truth).items()}
     differences = {words: _truth_difference(light_field, d) for words, d in readings.items()}
     best = min(differences, key=differences.__getitem__)
     return best if differences[None] > MIN_TRUTH_RATIO * differences[best] else None

@@ -18,7 +18,7 @@ import numpy as np
 
 from occjax.errors import InputError, nearest
 from occjax.io.arrays import check_views
-from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order
+from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order, unstacked
 from occjax.io.consistency import most_consistent
 from occjax.io.files import decoder_errors, decoding
 from occjax.io.hdf5 import check_heaps, read_dataset
@@ -60,13 +60,13 @@ def read_container(
     """Read a light field from an HDF5 or ``.mat`` file.
 
     Args:
-        path: File with views in an array of four or five axes, or tiled in two axes. If it has the
-            attributes ``dH``, ``focalLength`` and ``shift`` or ``camDistance`` of the old HCI
-            benchmark, the light field has a calibration, and a ground truth if there is also an
-            array ``GT_DEPTH``.
+        path: File with views in an array of four or five axes, stacked in one axis in place of two,
+            or tiled in two axes. If it has the attributes ``dH``, ``focalLength`` and ``shift`` or
+            ``camDistance`` of the old HCI benchmark, the light field has a calibration, and a
+            ground truth if there is also an array ``GT_DEPTH``.
         key: Name of the views, with or without the groups; None for ``LF``, ``Hr_SAI_y``, or the
             only array of views.
-        grid: ``(V, U)`` of tiled views; None to detect it.
+        grid: ``(V, U)`` of tiled or stacked views; None to detect it.
 
     Returns:
         The light field, named after the file.
@@ -132,6 +132,8 @@ def _read_light_field(
     order = "HW"
     if len(stored.shape) == 2:
         views = check_views(path, _tiled_views(path, name, stored, grid))
+    elif grid is not None and not axis_roles(stored.shape):
+        views = check_views(path, unstacked(stored.read(), grid))
     else:
         orders, array = _orders(path, name, stored), stored.read()
         readings = [check_views(path, to_usual_order(array, order)) for order in orders]
@@ -184,6 +186,8 @@ def _find_views(path: Path, arrays: dict[str, StoredArray], key: str | None) -> 
             for name, stored in arrays.items()
             if axis_roles(stored.shape) and not any(s in name.lower() for s in ("depth", "disp"))
         ]
+        if not matching and len(arrays) == 1:
+            matching = list(arrays)  # tiled or stacked views, or a message on its shape
     if len(matching) == 1:
         return matching[0]
     content = [f"{name} {list(stored.shape)}" for name, stored in arrays.items()]
@@ -208,7 +212,8 @@ def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
     if not roles:
         raise InputError(
             f"{path}: {name} is {list(stored.shape)}, in which no order of the axes V, U (views), "
-            "H, W (pixels) and C (colours) is plausible; save the views as [V, U, H, W, C]"
+            "H, W (pixels) and C (colours) is plausible; save the views as [V, U, H, W, C], or "
+            "pass grid (--grid V U) for [V * U, H, W, C]"
         )
     # Programs that store the last axis last rarely store the images first, or before the colours.
     matlab = [

@@ -22,11 +22,12 @@ from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.limits import ReadLimits
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
+from occjax.io.naming.fitting_patterns import fitting_patterns
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import read_positions
 from occjax.io.view_files import ViewFiles
 from occjax.layout.readings import best_reading, places
-from occjax.lightfield import LightField, centre_index, view_offsets
+from occjax.lightfield import LightField, centre_index
 
 MAX_UNUSABLE_FRACTION = 0.1
 """Fraction of the images above which images that cannot be decoded, or are of another size, are an
@@ -70,7 +71,7 @@ def read_folder(
         GridWarning: If the grid is guessed from the number of views or from the photo-consistency,
             or if views are missing, cannot be decoded, or have another size than the others.
     """
-    folder, declared = Path(folder), layout is not None or pattern is not None
+    folder = Path(folder)
     config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
     layout, named = find_views(
         str(folder),
@@ -95,8 +96,6 @@ def read_folder(
         elif best.number == 1 or best.alike:
             doubt = f"{named.guess or ''}, though {other[0]}x{other[1]} fits about as well"
             named = dataclasses.replace(named, guess=doubt)
-    if grid is None and config is None and positions is None:
-        _check_frames(folder, named, views, present, declared=declared)
     if named.guess is not None:
         warnings.warn(
             f"{folder}: {math.prod(named.grid)} views taken as {named.grid[0]}x{named.grid[1]}"
@@ -133,11 +132,25 @@ def _file_names(folder: Path, *, nested: bool) -> list[str]:
             what = "a folder" if entry.is_dir() else "a link to a missing file"
             raise InputError(f"{entry.path}: is {what}, not an image; replace or remove it")
     if folders and not any(name.lower().endswith(IMAGE_SUFFIXES) for name in files):
+        patterns = subfolder_patterns(folder) or ["row{v}/c{u}.png"]
         raise InputError(
-            f"{folder}: has no images; it has folders: {first_few(folders)}; name one of them, or "
-            "pass pattern (--pattern 'row{v}/c{u}.png')"
+            f"{folder}: has no images; it has folders: {first_few(folders)}; name one of them, or, "
+            "if they hold the views of one light field, pass pattern (--pattern "
+            f"{' or '.join(map(repr, patterns[:2]))})"
         )
     return files
+
+
+def subfolder_patterns(folder: Path) -> list[str]:
+    """Return the patterns that fit the images in the sub-folders of a folder, taken together.
+
+    Args:
+        folder: Folder whose sub-folders may hold the views of one light field.
+    """
+    with reading(folder):
+        files = (path.relative_to(folder).as_posix() for path in folder.glob("*/*"))
+        names = [name for name in files if "." not in (name[0], name[name.index("/") + 1])]
+    return fitting_patterns([name for name in names if name.lower().endswith(IMAGE_SUFFIXES)])
 
 
 def _read_config(folder: Path) -> HciConfig | None:
@@ -224,77 +237,6 @@ def _decodable(paths: dict[tuple[int, int], Path], centre: tuple[int, int]) -> n
             first = first or error
     assert first is not None
     raise first
-
-
-def _check_frames(
-    folder: Path, named: NamedViews, views: np.ndarray, present: np.ndarray, *, declared: bool
-) -> None:
-    """Refuse several frames of numbered cameras, which look like a grid by their names.
-
-    The first or the second number of the names may be that of the frame. Warn if the frames explain
-    the images about as well as the grid, unless the user has declared what the names mean.
-    """
-    sample = next(iter(named.matches.values()))
-    if "i" in sample.groupdict() or min(named.grid) < 2:
-        return
-    shape = "x".join(map(str, named.grid))
-    option = f"grid (--grid {named.grid[0]} {named.grid[1]})"
-    offsets = view_offsets(*named.grid)
-    for axis, camera in enumerate("uv"):
-        frames, *arrays = (array.swapaxes(0, axis) for array in (views, present, offsets))
-        grid, clear = _grid_of_frames(frames, *arrays)
-        if grid is None or (declared and not clear):
-            continue
-        name = f"{sample.string[: sample.start(camera)]}{{i}}{sample.string[sample.end(camera) :]}"
-        rows, columns = grid
-        reading = f"{len(frames)} frames of {rows}x{columns} views"
-        cameras = "" if rows == columns else f" --grid {rows} {columns}"
-        one = f"pattern of one (--pattern {name!r}{cameras})"
-        if clear:
-            raise InputError(
-                f"{folder}: has {reading} by photo-consistency; pass the {one}, or {option} if not"
-            )
-        warnings.warn(
-            f"{folder}: read as one {shape} grid, but {reading} explain the images about as well; "
-            f"if they are frames, pass the {one}; if not, pass {option}",
-            GridWarning,
-            stacklevel=3,
-        )
-
-
-def _grid_of_frames(
-    frames: np.ndarray, present: np.ndarray, offsets: np.ndarray
-) -> tuple[tuple[int, int] | None, bool]:
-    """Return the grid of the cameras of a frame if the views may be frames, and if that is clear.
-
-    Args:
-        frames: ``[F, N, H, W, C]`` views: the rows, or the columns, of the grid in the names.
-        present: ``[F, N]`` bool, views that are there.
-        offsets: ``[F, N, 2]`` offsets of the views in the grid in the names.
-
-    Returns:
-        The grid of the N cameras; None if the views are those of the grid in the names.
-    """
-    count, cameras = present.shape
-    middle = slice(max(0, count // 2 - 1), count // 2 + 1)
-    grids = [(v, cameras // v) for v in range(2, cameras // 2 + 1) if cameras % v == 0]
-    grids.sort(key=lambda grid: abs(grid[0] - grid[1]), reverse=True)
-    if grids and present[middle].all():
-        # Two frames, so that one swapped view does not decide; central views are not vignetted.
-        readings = [offsets[count // 2], *map(places, grids)]
-        found = [best_reading(frame, readings) for frame in frames[middle]]
-        if all(best.number > 0 or best.alike for best in found):
-            number = max(1, *(best.number for best in found))
-            return grids[number - 1], all(best.number > 0 and best.clear for best in found)
-    around = middle, slice(max(0, cameras // 2 - 1), cameras // 2 + 2)
-    if present[around].all():
-        views = frames[around].reshape(-1, *frames.shape[2:])
-        grid = offsets[around].reshape(-1, 2)
-        still = grid * (np.ptp(offsets[0], axis=0) > 0)  # from one frame to the next
-        best = best_reading(views, [grid, still])
-        if best.number == 1:
-            return (1, cameras), best.clear
-    return None, False
 
 
 def _format(image: np.ndarray) -> str:

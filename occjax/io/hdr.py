@@ -13,6 +13,9 @@ from occjax.io.limits import ReadLimits
 HDR_SUFFIXES = (".exr", ".hdr")
 """Suffixes of images of high dynamic range, in lower case."""
 
+MAX_CODE = 2**16 - 1
+"""Largest value of images of integers, which some programs store as floating point."""
+
 MU = 5000.0
 """Compression of the mu-law, as in Kalantari and Ramamoorthi (2017), equation 5."""
 
@@ -59,7 +62,7 @@ def read_exr(path: Path, file_bytes: int) -> np.ndarray:
 
 
 def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
-    r"""Return views in [0, 1], by one mu-law for all views if they have other values.
+    r"""Return views of integers or in [0, 1], by one mu-law for all views if they are neither.
 
     ``log(1 + mu x / white) / log(1 + mu)``, which keeps differences in dark and bright parts.
 
@@ -68,10 +71,11 @@ def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
         views: ``[V, U, H, W, C]`` of any type.
 
     Returns:
-        The views as they are if they are integers or in [0, 1], else mapped views, float32.
+        The views as they are if they are integers or in [0, 1]; as integers if they are whole
+        numbers of 8 or 16 bits; else mapped views, float32.
 
     Warns:
-        UserWarning: If the views are mapped.
+        UserWarning: If the views are changed.
 
     Example:
         >>> with warnings.catch_warnings(action="ignore"):
@@ -84,6 +88,14 @@ def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
     low, high = float(views.min()), float(views.max())
     if low >= 0.0 and high <= 1.0:
         return views
+    if low >= 0.0 and high <= MAX_CODE and np.array_equal(views, np.rint(views)):
+        bits = 8 if high < 2**8 else 16
+        warnings.warn(
+            f"{path}: pixels are whole numbers up to {high:g} in floating point, read as {bits} "
+            "bits; map them to [0, 1] yourself if that is wrong",
+            stacklevel=2,
+        )
+        return views.astype(np.uint8 if bits == 8 else np.uint16)
     if high <= 0.0:
         raise InputError(f"{path}: no pixel is positive; save the views with values above 0")
     white = float(np.percentile(views, WHITE_PERCENTILE)) or high

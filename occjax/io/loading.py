@@ -16,6 +16,7 @@ from occjax.io.consistency import truth_fault
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
+from occjax.io.frames import check_frames
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import (
     IMAGE_SUFFIXES,
@@ -68,7 +69,8 @@ def load(
         layout: Layout of the files (:data:`Layout`); None to detect it.
         pattern: File names of the views, with ``{v}`` and ``{u}`` for row and column or ``{i}`` for
             the number, row by row.
-        grid: ``(V, U)``, rows and columns of views as stored; None to detect it. With layout
+        grid: ``(V, U)``, rows and columns of views as stored; None to detect it. An array that has
+            one axis of views in place of two needs it. With layout
             ``"quilt"``, rows and columns of tiles.
         order: ``"vu"`` if the files count rows first, ``"uv"`` if columns, ``"serpentine"`` if they
             count rows first and every second row backwards.
@@ -154,7 +156,12 @@ def load(
     if name is not None:
         light_field = dataclasses.replace(light_field, name=name)
     if check_orientation and light_field.grid != (1, 1):
-        report = _check_view_order(path, light_field, declared, max_disparity)
+        report = check(light_field, ViewOrderConfig(max_disparity_px=max_disparity))
+        named_alone = grid is None and order != "serpentine" and stored.calibration is None
+        if files is not None and named_alone and stored.positions is None:
+            declares = layout is not None or pattern is not None
+            check_frames(stored, files, declared, report, declared=declares)
+        _warn_of_view_order(path, light_field, declared, report)
         light_field = dataclasses.replace(light_field, view_order_report=report)
         truth = light_field.ground_truth
         known = truth is not None and bool(np.isfinite(truth).any())
@@ -186,7 +193,7 @@ def _read(
         raise InputError(f"{path}: is a file, but {option} is for a folder; name its folder")
     suffix = path.suffix.lower()
     if layout == "array" or (layout is None and suffix in (".npz", ".npy")):
-        light_field = read_arrays(path, key=key)
+        light_field = read_arrays(path, key=key, grid=grid)
         if light_field.positions is not None:
             warn_of_unit(path, light_field.positions)
         return light_field, None
@@ -218,11 +225,10 @@ def _spaced(path: Path, light_field: LightField, spacing: tuple[float, float]) -
     return dataclasses.replace(light_field, positions=offsets)
 
 
-def _check_view_order(
-    path: Path, light_field: LightField, declared: Orientation, max_disparity: float | None
-) -> ViewOrderReport:
-    """Measure the view order; warn if it differs from the declared one or none is consistent."""
-    report = check(light_field, ViewOrderConfig(max_disparity_px=max_disparity))
+def _warn_of_view_order(
+    path: Path, light_field: LightField, declared: Orientation, report: ViewOrderReport
+) -> None:
+    """Warn if the view order differs from the declared one, or none is consistent."""
     if not report.plausible:
         rows, columns = light_field.grid
         warnings.warn(
@@ -245,4 +251,3 @@ def _check_view_order(
             ViewOrderWarning,
             stacklevel=3,
         )
-    return report

@@ -163,6 +163,21 @@ def write_normals(path: str | Path, normals: np.ndarray) -> None:
         Image.fromarray(np.clip(levels, 0, 255).astype(np.uint8)).save(temporary, format="PNG")
 
 
+def changed_maps(disparity: np.ndarray) -> dict[str, np.ndarray]:
+    """Return a map ``[H, W]`` with the usual mistakes undone, by words for a message.
+
+    Example:
+        >>> changed_maps(np.array([[1, 2], [3, 4]]))["rows are reversed"].tolist()
+        [[3, 4], [1, 2]]
+    """
+    return {
+        "rows are reversed": disparity[::-1],
+        "columns are reversed": disparity[:, ::-1],
+        "rows and columns are reversed": disparity[::-1, ::-1],
+        "sign is reversed": -disparity,
+    }
+
+
 def _write_floats(path: str | Path, array: np.ndarray) -> None:
     """Write an array as 32-bit floats."""
     suffix = Path(path).suffix.lower()

@@ -51,7 +51,8 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
             be detected.
 
     Warns:
-        GridWarning: If tiles are read as a quilt because of their photo-consistency.
+        GridWarning: If tiles are read as a quilt because of their photo-consistency, or the image
+            looks like a MacPI image of another grid.
     """
     named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem, re.IGNORECASE)
     if kind == "quilt" or (kind is None and named):
@@ -77,6 +78,15 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
         raise InputError(
             f"{path}: cannot tell tiled views from a MacPI image; "
             "pass layout (--layout tiled, or macpi)"
+        )
+    period = lens_period(image, grid)
+    if period is not None and (detected != "macpi" or period != tuple(grid)):
+        warnings.warn(
+            f"{path}: read as {grid[0]}x{grid[1]} views, {detected}, but its brightness steps are "
+            f"those of a MacPI image of {period[0]}x{period[1]} views; if so, pass grid and layout "
+            f"(--grid {period[0]} {period[1]} --layout macpi)",
+            GridWarning,
+            stacklevel=4,
         )
     if detected == "macpi":
         return split_macpi(image, grid)
@@ -135,6 +145,42 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     if _mean(at_lenses) > threshold:
         return "macpi"
     return "tiled" if _mean(at_tiles) > threshold else None
+
+
+def lens_period(image: np.ndarray, grid: tuple[int, int]) -> tuple[int, int] | None:
+    """Return the grid of a MacPI image, from the distance of its brightness steps.
+
+    Args:
+        image: ``[V * H, U * W, C]``.
+        grid: ``(V, U)`` that the user declares; seams of its tiles do not count.
+
+    Returns:
+        ``(V, U)``, each 2 to 20; None if the image has no clear period, as a tiled image.
+
+    Example:
+        >>> view = np.random.default_rng(0).random((24, 24, 1))
+        >>> lens_period(join_macpi(np.broadcast_to(view, (3, 4, 24, 24, 1))), (4, 6))
+        (3, 4)
+    """
+    period = []
+    for axis, count in enumerate(grid):
+        steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
+        profile = steps.mean(axis=tuple(other for other in range(3) if other != axis))
+        position = np.arange(1, image.shape[axis])
+        inner = position % (image.shape[axis] // count) != 0
+        ratios = {}
+        for n in range(2, 21):
+            at_lenses = inner & (position % n == 0)
+            if image.shape[axis] % n == 0 and at_lenses.any():
+                elsewhere = profile[inner & ~at_lenses].mean()
+                # The median: only a few of these places may be seams of tiles.
+                usual = float(np.median(profile[at_lenses]))
+                ratios[n] = usual / max(elsewhere, np.finfo(np.float32).tiny)
+        best = max(ratios, key=ratios.__getitem__, default=None)
+        if best is None or ratios[best] <= MIN_SEAM_RATIO:
+            return None
+        period.append(best)
+    return period[0], period[1]
 
 
 def repeated_tiles(image: np.ndarray) -> tuple[int, int] | None:

@@ -45,7 +45,12 @@ def preset(name: str, **changes: Any) -> Any:
     """
     name = ALIASES.get(name, name)
     if name not in PRESETS:
-        raise InputError(f"there is no model {name!r}; {nearest(name, PRESETS)}")
+        advice = nearest(
+            name,
+            [*PRESETS, *ALIASES],
+            otherwise="choose 'proposal' or 'photometric', or run occjax weights list for others",
+        )
+        raise InputError(f"there is no model {name!r}; {advice}")
     return replace(PRESETS[name], **changes)
 
 

@@ -158,6 +158,31 @@ def test_implausible_shapes_are_refused_with_the_axes_named(tmp_path):
         load(tmp_path / "scene.npy")
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_stacked_views_need_the_grid(tmp_path, channels):
+    stack = VIEWS[..., :channels].reshape(15, 40, 48, channels)
+    stack = stack[..., 0] if channels == 1 else stack
+    np.save(tmp_path / "scene.npy", stack)
+    np.savez(tmp_path / "scene.npz", views=stack)
+    scipy.io.savemat(tmp_path / "scene.mat", {"light": stack})
+    write(tmp_path / "scene.h5", {"light": stack})
+    for suffix in (".npy", ".npz", ".mat", ".h5"):
+        path = tmp_path / f"scene{suffix}"
+        with pytest.raises(InputError, match=r"pass grid \(--grid V U\)"):
+            load_unchecked(path)
+        np.testing.assert_array_equal(
+            load_unchecked(path, grid=(3, 5)).views, VIEWS[..., :channels]
+        )
+        with pytest.raises(InputError, match="views have the shape"):
+            load_unchecked(path, grid=(4, 4))
+
+
+def test_the_only_array_may_be_tiled(tmp_path):
+    write(tmp_path / "scene.h5", {"image": join_tiles(VIEWS[..., :1])[..., 0]})
+    loaded = load_unchecked(tmp_path / "scene.h5", grid=(3, 5))
+    np.testing.assert_array_equal(loaded.views, VIEWS[..., :1])
+
+
 def test_a_missing_h5py_is_reported_with_the_install_command(tmp_path, monkeypatch):
     (tmp_path / "buddha.h5").touch()
     monkeypatch.setitem(sys.modules, "h5py", None)

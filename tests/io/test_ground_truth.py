@@ -65,10 +65,18 @@ def test_disparities_larger_than_the_views_are_refused(tmp_path):
 
 def test_files_to_evaluate_are_checked(tmp_path):
     truth = np.random.default_rng(0).uniform(-1, 1, (20, 24)).astype(np.float32)
-    np.save(tmp_path / "truth.npy", truth[::-1])
     np.save(tmp_path / "swapped.npy", truth.byteswap())
     np.save(tmp_path / "estimate.npy", truth + 0.01)
-    with pytest.warns(UserWarning, match=r"estimate\.npy against .* one of them is upside down"):
-        evaluate_files(tmp_path / "estimate.npy", tmp_path / "truth.npy", border=0)
+    changes = [
+        (truth[::-1], "rows"),
+        (truth[:, ::-1], "columns"),
+        (truth[::-1, ::-1], "rows and columns"),
+        (-truth, "sign"),
+    ]
+    for changed, words in changes:
+        np.save(tmp_path / "truth.npy", changed)
+        message = rf"estimate\.npy against .* agree better if the {words} (is|are) reversed"
+        with pytest.warns(UserWarning, match=message):
+            evaluate_files(tmp_path / "estimate.npy", tmp_path / "truth.npy", border=0)
     with pytest.raises(InputError, match=r"swapped\.npy: disparities reach .* byte-swapped"):
         evaluate_files(tmp_path / "estimate.npy", tmp_path / "swapped.npy", border=0)

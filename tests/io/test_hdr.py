@@ -53,6 +53,17 @@ def test_views_of_high_dynamic_range_are_tone_mapped_and_told(tmp_path, suffix, 
     assert not light_field.view_order_report.clearly_worse
 
 
+@pytest.mark.parametrize(("dtype", "white", "bits"), [(np.uint8, 235, 8), (np.uint16, 4095, 16)])
+def test_integers_stored_as_floating_point_are_read_as_integers(tmp_path, dtype, white, bits):
+    views = np.round(white * two_planes((3, 3), (40, 48))[0]).astype(dtype)
+    for v, u in np.ndindex(3, 3):
+        write_tiff(tmp_path / f"a_{v}_{u}.tif", views[v, u].astype(np.float32))
+    with pytest.warns(UserWarning, match=f"whole numbers .* read as {bits} bits"):
+        read = load(tmp_path).views
+    np.testing.assert_array_equal(read, views)
+    assert read.dtype == dtype
+
+
 def test_a_mosaic_of_high_dynamic_range_is_tone_mapped(tmp_path):
     write_tiff(tmp_path / "all.tif", join_tiles(VIEWS))
     with pytest.warns(UserWarning, match="tone-mapped"):

@@ -1,3 +1,5 @@
+import warnings
+
 import hypothesis
 import hypothesis.extra.numpy as arrays
 import hypothesis.strategies as st
@@ -95,3 +97,26 @@ def test_a_quilt_without_its_name_is_told_from_a_grid(tmp_path):
         load(tmp_path / "bee.png")
     with pytest.raises(InputError, match="if it is a quilt, pass layout"):
         load(tmp_path / "bee.png", grid=(3, 5))
+
+
+@pytest.mark.parametrize(
+    ("join", "declared", "told"),
+    [
+        (join_macpi, (4, 4), "5x5"),
+        (join_macpi, (5, 4), "5x5"),
+        (join_macpi, (10, 10), "5x5"),
+        (join_macpi, (5, 5), None),
+        (join_tiles, (5, 5), None),
+        (join_tiles, (4, 4), None),
+    ],
+)
+def test_another_grid_of_lenses_is_named(tmp_path, join, declared, told):
+    views = np.round(two_planes((5, 5), (40, 48))[0] * 255).astype(np.uint8)
+    Image.fromarray(join(views)).save(tmp_path / "all.png")
+    layout = "macpi" if join is join_macpi else "tiled"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load(tmp_path / "all.png", grid=declared, layout=layout, check_orientation=False)
+    messages = [str(w.message) for w in caught]
+    assert len(messages) == (told is not None)
+    assert told is None or f"those of a MacPI image of {told} views" in messages[0]

@@ -1,16 +1,19 @@
 """File names: patterns, the patterns of unknown names, and the grid that they form."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from occjax.cli.scene_lists import listed_scenes
 from occjax.errors import InputError
 from occjax.io import GridWarning, load, read_pfm
 from occjax.io.arrays import write_arrays
 from occjax.io.images import read_image
 from occjax.io.naming.fitting_patterns import fitting_patterns
+from occjax.layout import ORIENTATIONS
 from occjax.lightfield import LightField
 from tests.io.files import save_views
 from tests.io.scenes import two_planes
@@ -57,7 +60,7 @@ def test_several_frames_are_no_grid(tmp_path, views, frames):
         save_views(tmp_path, views, lambda v, u, f=frame: f"painter_{f:03d}_{4 * v + u:02d}.png")
     message = rf"has {frames} frames of 4x4 views .* 'painter_000_\{{i\}}\.png'"
     with pytest.raises(InputError, match=message):
-        load_unchecked(tmp_path)
+        load(tmp_path)
     loaded = load_unchecked(tmp_path, pattern="painter_000_{i}.png")
     np.testing.assert_array_equal(loaded.views, views)
     assert load_unchecked(tmp_path, grid=(frames, 16)).grid == (frames, 16)
@@ -73,7 +76,7 @@ def test_frames_of_any_grid_are_no_light_field(tmp_path, views, cameras, frames)
         save_views(tmp_path, cells, lambda v, u, f=frame: f"s_{f:03d}_{columns * v + u:02d}.png")
     message = f"has {frames} frames of {rows}x{columns} views"
     with pytest.raises(InputError, match=message) as refused:
-        load_unchecked(tmp_path)
+        load(tmp_path)
     grid = "" if rows == columns else f" --grid {rows} {columns}"
     assert "--pattern 's_000_{i}.png'" + grid in str(refused.value)
 
@@ -85,16 +88,28 @@ def test_the_number_of_the_camera_may_come_before_that_of_the_frame(tmp_path, vi
         )
     message = r"has 5 frames of 2x3 views .*'s_\{i\}_00\.png' --grid 2 3"
     with pytest.raises(InputError, match=message):
-        load_unchecked(tmp_path)
+        load(tmp_path)
 
 
+@pytest.mark.filterwarnings("ignore::occjax.io.ViewOrderWarning")
 def test_frames_that_explain_the_images_as_well_are_named(tmp_path):
     """Noise is as consistent as three frames of 2x2 cameras."""
     noise = np.random.default_rng(0).integers(0, 255, (3, 4, 24, 24), np.uint8)
     save_views(tmp_path, noise, lambda v, u: f"wall_{v:03d}_{u:02d}.png")
     with pytest.warns(GridWarning, match=r"one 3x4 grid, but 3 frames of 2x2 .* 'wall_000_\{i\}"):
-        assert load_unchecked(tmp_path).grid == (3, 4)
-    assert load_unchecked(tmp_path, pattern="wall_{v}_{u}.png").grid == (3, 4)
+        assert load(tmp_path).grid == (3, 4)
+    assert load(tmp_path, pattern="wall_{v}_{u}.png").grid == (3, 4)
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (4, 6)])
+@pytest.mark.parametrize("order", ORIENTATIONS, ids=lambda order: order.name)
+def test_a_grid_in_any_view_order_is_no_sequence_of_frames(tmp_path, grid, order):
+    views = np.round(two_planes(grid, (48, 56), far=-0.5, near=0.8)[0] * 255).astype(np.uint8)
+    folder = save_views(tmp_path, order.lay_out(views), lambda v, u: f"wall_{v:03d}_{u:02d}.png")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load(folder)
+    assert not [str(w.message) for w in caught if "frames" in str(w.message)]
 
 
 def test_several_scenes_may_be_one_with_other_names(tmp_path, views):
@@ -107,7 +122,7 @@ def test_several_scenes_may_be_one_with_other_names(tmp_path, views):
 def test_a_grid_with_a_square_number_of_columns_is_no_sequence_of_frames(tmp_path, rows):
     views = np.round(two_planes((rows, 9), (48, 56), far=-0.5, near=0.5)[0] * 255).astype(np.uint8)
     folder = save_views(tmp_path, views, lambda v, u: f"painter_{v:03d}_{u:02d}.png")
-    np.testing.assert_array_equal(load_unchecked(folder).views, views)
+    np.testing.assert_array_equal(load(folder).views, views)
 
 
 def test_frame_camera_case(shared):
@@ -351,3 +366,31 @@ def test_an_image_that_cannot_be_decoded_is_a_missing_view(tmp_path, views):
 def test_usable_views_are_stored(tmp_path, views):
     write_arrays(tmp_path / "scene.npz", LightField(views, usable=ROUND))
     np.testing.assert_array_equal(load_unchecked(tmp_path / "scene.npz").usable, ROUND)
+
+
+@pytest.mark.parametrize(
+    ("name", "pattern", "grid"),
+    [
+        (lambda v, u: f"row{v}/c{u}.png", "row{v}/c{u}.png", (5, 3)),
+        (lambda v, u: f"cam{5 * v + u:02d}/image.png", "cam{i}/image.png", (5, 5)),
+    ],
+)
+def test_views_in_subfolders_are_one_light_field(tmp_path, views, name, pattern, grid):
+    """Three or one image in a folder are no light field, so that the folders are not scenes."""
+    views = views[: grid[0], : grid[1]]
+    save_views(tmp_path, views, name)
+    assert listed_scenes((tmp_path,), None) == (tmp_path,)
+    with pytest.raises(InputError, match=re.escape(f"pass pattern (--pattern {pattern!r})")):
+        load_unchecked(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GridWarning)
+        loaded = load_unchecked(tmp_path, pattern=pattern)
+    np.testing.assert_array_equal(loaded.views, views)
+    folders = sorted(path for path in tmp_path.iterdir())
+    assert listed_scenes((tmp_path,), None, grid=(1, 3)) == tuple(folders)
+
+
+@pytest.mark.parametrize("name", ["input_Cam{:03d}.png", "NAME_01_{:02d}.png"])
+def test_scenes_of_a_known_layout_are_no_parts_of_a_light_field(tmp_path, views, name):
+    save_views(tmp_path, views[:2, :3], lambda v, u: f"scene{v}/{name.format(u)}")
+    assert listed_scenes((tmp_path,), None) == (tmp_path / "scene0", tmp_path / "scene1")

@@ -30,7 +30,7 @@ def fitting_patterns(names: list[str]) -> list[str]:
     one suffix alone fill a grid.
 
     Args:
-        names: Names of the images.
+        names: Names of the images, which may contain folders.
 
     Returns:
         Patterns for :func:`~occjax.io.naming.patterns.pattern_to_regex`; more than one if several
@@ -43,24 +43,29 @@ def fitting_patterns(names: list[str]) -> list[str]:
     groups = defaultdict(list)
     for name in names:
         path = PurePosixPath(name)
-        groups[_FIELD.sub("\0", path.stem)].append(path)
+        groups[_FIELD.sub("\0", _stem(path))].append(path)
     if not groups:
         return []
-    template, paths = max(groups.items(), key=lambda item: len({path.stem for path in item[1]}))
+    template, paths = max(groups.items(), key=lambda item: len({_stem(path) for path in item[1]}))
     stems = {
-        suffix: [path.stem for path in paths if path.suffix == suffix]
+        suffix: [_stem(path) for path in paths if path.suffix == suffix]
         for suffix in _suffixes(paths)
     }
-    together = [path.stem for path in paths]
+    together = [_stem(path) for path in paths]
     if len(stems) > 1 and len(set(together)) == len(together):
         stems = {".*": together, **stems}
     readings = {
         suffix: _fitting(template, suffix, group)
         for suffix, group in stems.items()
-        if len(group) > len({PurePosixPath(name).stem for name in names}) / 2
+        if len(group) > len({_stem(PurePosixPath(name)) for name in names}) / 2
     }
     complete = [patterns for patterns, fills in readings.values() if fills]
     return [*complete, *(patterns for patterns, _ in readings.values()), []][0]
+
+
+def _stem(path: PurePosixPath) -> str:
+    """Return a relative path without the suffix."""
+    return str(path.with_suffix(""))
 
 
 def _suffixes(paths: list[PurePosixPath]) -> list[str]:
