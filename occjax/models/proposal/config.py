@@ -2,7 +2,7 @@
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
 data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection,
-planar surfaces, weighted median.
+weighted median, planar surfaces.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalNetConfig.reach``.
@@ -199,6 +199,25 @@ class SelectorConfig:
 
 
 @dataclass(frozen=True)
+class WeightedMedianConfig:
+    """Weighted median that replaces the disparity of uncertain pixels.
+
+    Attributes:
+        max_confidence: Confidence below which a pixel is uncertain.
+        radius: Half width of the window, in samples.
+        step_px: Distance of the samples, in pixels.
+        deviation_px: Distance that reduces the weight of a sample by ``exp(-1 / 2)``, in pixels.
+        grey_scale: Difference of grey values that reduces the weight of a sample by ``exp(-1)``.
+    """
+
+    max_confidence: float = 0.8
+    radius: int = 2
+    step_px: int = 2
+    deviation_px: float = 2.8
+    grey_scale: float = 0.02
+
+
+@dataclass(frozen=True)
 class PlanarConfig:
     """Planes of large planar surfaces, fitted to the selected disparity.
 
@@ -226,7 +245,7 @@ class PlanarConfig:
 
     deviation: float = 0.01
     noise_factor: float = 2.0
-    max_deviation: float = 0.05
+    max_deviation: float = 0.04
     samples: int = 64
     seed_step: int = 4
     radii: tuple[float, ...] = (3.0, 9.0, 27.0, 81.0)
@@ -240,25 +259,6 @@ class PlanarConfig:
     min_area: float = 0.005
     window_radius_px: int = 16
     min_density: float = 0.3
-
-
-@dataclass(frozen=True)
-class WeightedMedianConfig:
-    """Weighted median that replaces the disparity of uncertain pixels.
-
-    Attributes:
-        max_confidence: Confidence below which a pixel is uncertain.
-        radius: Half width of the window, in samples.
-        step_px: Distance of the samples, in pixels.
-        deviation_px: Distance that reduces the weight of a sample by ``exp(-1 / 2)``, in pixels.
-        grey_scale: Difference of grey values that reduces the weight of a sample by ``exp(-1)``.
-    """
-
-    max_confidence: float = 0.8
-    radius: int = 2
-    step_px: int = 2
-    deviation_px: float = 2.8
-    grey_scale: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -288,9 +288,9 @@ class ProposalNetConfig:
         refinement: Sub-pixel refinement.
         proposals: Proposals and their costs.
         selector: Learned selection; None skips proposals and selection.
-        planar: Planes of large planar surfaces; None keeps the selected disparity.
         weighted_median: Weighted median around pixels whose selection is uncertain; None keeps
             their disparity.
+        planar: Planes of large planar surfaces; None keeps the selected disparity.
         confidence: Confidence of the disparity.
         views: Views of a grid that are compared with the centre view. The two outermost views in
             eight directions carry most of the information.
@@ -306,8 +306,8 @@ class ProposalNetConfig:
     refinement: RefinementConfig = RefinementConfig()
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
-    planar: PlanarConfig | None = PlanarConfig()
     weighted_median: WeightedMedianConfig | None = WeightedMedianConfig()
+    planar: PlanarConfig | None = PlanarConfig()
     confidence: ConfidenceConfig = ConfidenceConfig()
     views: Arrangement = "outer_star"
     reach: float = 4.0
@@ -338,8 +338,8 @@ PRESETS: dict[str, ProposalNetConfig] = {
             context_radius_px=0.0,
         ),
         selector=None,
-        planar=None,
         weighted_median=None,
+        planar=None,
         views="all",
     ),
 }

@@ -146,11 +146,13 @@ class ProposalNet(nn.Module):
             certainty = _selection_confidence(selection, certainty, self.config)
             change = selection.proposed - selection.disparity[None]
             deviation = confidence(selection.probabilities, change).standard_deviation
-        if self.config.planar is not None:
-            disparity = flatten_planar_surfaces(disparity, refined.information, self.config.planar)
         if self.config.weighted_median is not None:
-            centre = grey.views[centre_index(grey.views.shape[:2])]
-            disparity = replace_uncertain(disparity, certainty, centre, self.config.weighted_median)
+            disparity = replace_uncertain(
+                disparity, certainty, grey.centre, self.config.weighted_median
+            )
+        if self.config.planar is not None:
+            information = refined.information * jnp.square(certainty)
+            disparity = flatten_planar_surfaces(disparity, information, self.config.planar)
         output = ProposalOutput(
             disparity, coarse, refined.disparity, certainty, deviation, selection
         )
