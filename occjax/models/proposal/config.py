@@ -204,16 +204,14 @@ class WeightedMedianConfig:
 
     Attributes:
         max_confidence: Confidence below which a pixel is uncertain.
-        radius: Half width of the window, in samples.
-        step_px: Distance of the samples, in pixels.
-        deviation_px: Distance that reduces the weight of a sample by ``exp(-1 / 2)``, in pixels.
-        grey_scale: Difference of grey values that reduces the weight of a sample by ``exp(-1)``.
+        radius_px: Half width of the square window, in pixels.
+        deviation_px: Distance that reduces the weight of a pixel by ``exp(-1 / 2)``, in pixels.
+        grey_scale: Difference of grey values that reduces the weight of a pixel by ``exp(-1)``.
     """
 
     max_confidence: float = 0.8
-    radius: int = 2
-    step_px: int = 2
-    deviation_px: float = 2.8
+    radius_px: int = 2
+    deviation_px: float = 1.4
     grey_scale: float = 0.02
 
 
@@ -247,7 +245,7 @@ class PlanarConfig:
     noise_factor: float = 2.0
     max_deviation: float = 0.04
     samples: int = 64
-    seed_step: int = 4
+    seed_step: int = 3
     radii: tuple[float, ...] = (3.0, 9.0, 27.0, 81.0)
     steps: int = 2
     first_tolerance: float = 3.0

@@ -43,9 +43,8 @@ def replace_uncertain(
         1.0
     """
     height, width = disparity.shape
-    margin = config.radius * config.step_px
-    steps = range(0, 2 * margin + 1, config.step_px)
-    places = list(itertools.product(steps, steps))
+    margin = config.radius_px
+    places = list(itertools.product(range(2 * margin + 1), repeat=2))
 
     def pad(image: Float[Array, "h w"]) -> Float[Array, "y x"]:
         return jnp.pad(image, margin, mode="edge")

@@ -14,7 +14,7 @@ def reference(disparity, confidence, centre, config):
     """Sort the values around each uncertain pixel; take the first with half of the weight."""
     result = disparity.copy()
     height, width = disparity.shape
-    samples = config.step_px * np.arange(-config.radius, config.radius + 1)
+    samples = np.arange(-config.radius_px, config.radius_px + 1)
     for y, x in np.argwhere(confidence < config.max_confidence):
         votes = []
         for dy in samples:
@@ -32,7 +32,7 @@ def test_it_is_the_weighted_median_of_the_samples():
     generator = np.random.default_rng(0)
     disparity, confidence, centre = generator.random((3, 17, 14), np.float32)
     centre /= 10
-    for config in (WeightedMedianConfig(), WeightedMedianConfig(0.5, 1, 3, 2.0, 0.05)):
+    for config in (WeightedMedianConfig(), WeightedMedianConfig(0.5, 1, 2.0, 0.05)):
         expected = reference(disparity, confidence, centre, config)
         found = np.asarray(replace(disparity, confidence, centre, config=config))
         assert (found != disparity).sum() > 50
@@ -53,6 +53,6 @@ def test_an_uncertain_pixel_at_a_depth_edge_takes_the_side_of_its_colour():
 
 def test_where_nothing_is_certain_all_pixels_count():
     disparity = jnp.asarray(np.random.default_rng(1).random((9, 9), np.float32))
-    config = WeightedMedianConfig(radius=1, step_px=1, deviation_px=1e6)
+    config = WeightedMedianConfig(radius_px=1, deviation_px=1e6)
     found = replace(disparity, jnp.zeros((9, 9)), jnp.zeros((9, 9)), config=config)
     assert float(found[4, 4]) == float(jnp.median(disparity[3:6, 3:6]))
