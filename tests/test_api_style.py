@@ -99,7 +99,7 @@ MAY_IMPORT = {
     "kernels": BASE,
     "ops": BASE | {"kernels"},
     "layout": BASE | {"kernels", "ops", "programs", "view_selection"},
-    "io": BASE | {"kernels", "ops", "layout", "view_selection"},
+    "io": BASE | {"kernels", "ops", "layout", "programs", "view_selection"},
     "evaluation": BASE | {"kernels", "ops", "layout", "io"},
     "viz": BASE | {"kernels", "ops", "layout", "io", "evaluation", "programs"},
     "models": BASE | {"kernels", "ops", "io", "view_selection"},

@@ -115,7 +115,7 @@ def test_many_disparities_at_a_limit_are_noted(low, high, limit):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"model": "no_such_model"}, r"no_such_model.*'photometric' or 'cas_1'"),
+        ({"model": "no_such_model"}, r"no_such_model.*'proposal' or 'photometric'"),
         ({"model": "occcasnet"}, "occjax weights fetch"),
         ({"model": "photometric", "weights": "w.h5"}, "takes no weights"),
         ({"model": "photometric", "warp": "correct"}, "has no warp"),

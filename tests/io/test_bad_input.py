@@ -278,7 +278,7 @@ def folder_of_raw_files(path):
         ),
         ("scene.npy", npy_of_petabytes, ["claims 3.89e+", "OCCJAX_MAX_LIGHT_FIELD_BYTES"]),
         ("scene.h5", lambda path: path.write_text("nothing"), ["HDF5"]),
-        ("scene.h5", hdf5_without_views, ["no array of views", "model/weights [3, 2, 4]", "--key"]),
+        ("scene.h5", hdf5_without_views, ["model/weights is [3, 2, 4]", "[V, U, H, W, C]"]),
     ],
 )
 def test_files_that_are_no_light_field(tmp_path, name, write, words):
