@@ -394,3 +394,9 @@ def test_views_in_subfolders_are_one_light_field(tmp_path, views, name, pattern,
 def test_scenes_of_a_known_layout_are_no_parts_of_a_light_field(tmp_path, views, name):
     save_views(tmp_path, views[:2, :3], lambda v, u: f"scene{v}/{name.format(u)}")
     assert listed_scenes((tmp_path,), None) == (tmp_path / "scene0", tmp_path / "scene1")
+
+
+def test_a_file_without_a_name_is_no_view():
+    grid = [f"{v}-{u}.png" for v in range(3) for u in range(3)]
+    assert fitting_patterns([".png", *grid]) == ["{v}-{u}.png"]
+    assert fitting_patterns([".png"]) == []

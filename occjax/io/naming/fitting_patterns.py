@@ -43,7 +43,8 @@ def fitting_patterns(names: list[str]) -> list[str]:
     groups = defaultdict(list)
     for name in names:
         path = PurePosixPath(name)
-        groups[_FIELD.sub("\0", _stem(path))].append(path)
+        if path.suffix:  # A file named ".png" has none.
+            groups[_FIELD.sub("\0", _stem(path))].append(path)
     if not groups:
         return []
     template, paths = max(groups.items(), key=lambda item: len({_stem(path) for path in item[1]}))
