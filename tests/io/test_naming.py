@@ -396,6 +396,13 @@ def test_scenes_of_a_known_layout_are_no_parts_of_a_light_field(tmp_path, views,
     assert listed_scenes((tmp_path,), None) == (tmp_path / "scene0", tmp_path / "scene1")
 
 
+def test_two_capitals_are_row_and_column():
+    for prefix in ("cam", "cam_", "", "2024_HR_"):
+        names = [f"{prefix}{v}{u}.png" for v in "ABC" for u in "ABCD"]
+        assert fitting_patterns(names) == [f"{prefix}{{v}}{{u}}.png"]
+    assert fitting_patterns([f"IMG{v}{u}.png" for v in "AB" for u in "AB"]) == []
+
+
 def test_a_file_without_a_name_is_no_view():
     grid = [f"{v}-{u}.png" for v in range(3) for u in range(3)]
     assert fitting_patterns([".png", *grid]) == ["{v}-{u}.png"]

@@ -11,9 +11,12 @@ from pathlib import PurePosixPath
 from occjax.io.images import IMAGE_SUFFIXES
 
 _FIELD = re.compile(
-    r"(?:(?<![A-Za-z\d])[+-])?\d+|(?<![A-Za-z])[A-Za-z](?![A-Za-z])|(?<=[a-z])[A-Z](?![A-Za-z])"
+    r"(?:(?<![A-Za-z\d])[+-])?\d+"
+    r"|(?<![A-Za-z])[A-Za-z](?![A-Za-z])"
+    r"|(?<![A-Z])[A-Z](?=[A-Z]?(?![A-Za-z]))"
+    r"|(?<=(?<![A-Z])[A-Z])[A-Z](?![A-Za-z])"
 )
-"""A number, a letter that stands alone, or a capital at the end of a word in small letters. A sign
+"""A number, a letter that stands alone, or each of one or two capitals at the end of a word. A sign
 after a letter or digit is a separator."""
 
 MIN_FILLED_FRACTION = 0.5
