@@ -7,8 +7,8 @@
 Cost: ten seconds a scene of 256x256 pixels for the two default models. The weights of the package
 were not trained on the scenes of seeds 1000 to 1007. Expected: the proposal network has smaller
 errors than the photometric estimator in the mean of every measure, and in BadPix 0.07 on nearly
-every scene. All errors are far above those on the HCI benchmark, whose scenes have less noise. The result
-is committed as ``validation_scores.md``.
+every scene. All errors are far above those on the HCI benchmark, whose scenes have less noise. The
+result is committed as ``validation_scores.md``.
 """
 
 from __future__ import annotations
