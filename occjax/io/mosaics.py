@@ -20,7 +20,7 @@ from occjax.io.images import read_image
 from occjax.io.layouts import Mosaic
 from occjax.io.naming import GridWarning
 from occjax.layout.readings import best_reading, places
-from occjax.lightfield import MIN_VIEW_SIZE_PX
+from occjax.lightfield import MIN_VIEW_SIZE_PX, to_grey
 
 MIN_SEAM_RATIO = 1.3
 """Ratio of brightness steps at seams to those elsewhere above which an arrangement is detected."""
@@ -51,15 +51,18 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
             be detected.
 
     Warns:
-        GridWarning: If tiles are read as a quilt because of their photo-consistency, or the image
-            looks like a MacPI image of another grid.
+        GridWarning: If tiles are read as a quilt because of their photo-consistency, the content of
+            a quilt repeats as in other tiles, or the image looks like a MacPI image of another
+            grid.
     """
     named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem, re.IGNORECASE)
     if kind == "quilt" or (kind is None and named):
-        tiles = (int(named[2]), int(named[1])) if named else grid
+        tiles = (int(named[2]), int(named[1])) if named and grid is None else grid
         if tiles is None or min(tiles) < 1:
             raise InputError(f"{path}: a quilt needs its tiles; pass grid (--grid ROWS COLUMNS)")
-        return split_quilt(read_image(path), tiles)
+        image = read_image(path)
+        _warn_of_other_tiles(path, image, tiles)
+        return split_quilt(image, tiles)
     if grid is None:
         raise InputError(
             f"{path}: one image of all views needs the grid; pass grid (--grid V U), of a quilt "
@@ -204,9 +207,38 @@ def repeated_tiles(image: np.ndarray) -> tuple[int, int] | None:
         counts = [n for n in range(20, 1, -1) if size % n == 0 and size // n >= MIN_REPEATED_PX]
         if not counts:
             return None
-        change = {n: np.abs(lines[size // n :] - lines[: -(size // n)]).mean() for n in counts}
+        change = {n: _change(lines, n) for n in counts}
         grid.append(next(n for n in counts if change[n] <= 1.2 * min(change.values())))
     return grid[0], grid[1]
+
+
+def _change(lines: np.ndarray, count: int) -> float:
+    """Return the mean difference of each of ``count`` equal parts from the next one."""
+    size = len(lines) // count
+    return float(np.abs(lines[size:] - lines[:-size]).mean())
+
+
+def _warn_of_other_tiles(path: Path, image: np.ndarray, tiles: tuple[int, int]) -> None:
+    """Warn if the content of a quilt repeats as in other tiles than its name or user states."""
+    grey = to_grey(image)
+    found = repeated_tiles(grey)
+    if found is None or found == tiles:
+        return
+    lines = [np.moveaxis(grey, axis, 0) for axis in (0, 1) if found[axis] != tiles[axis]]
+    counts = [pair for pair in zip(found, tiles, strict=True) if pair[0] != pair[1]]
+    better = (
+        _change(part, stated) > MIN_SEAM_RATIO * _change(part, repeated)
+        for part, (repeated, stated) in zip(lines, counts, strict=True)
+        if stated > 1
+    )
+    if any(better):
+        warnings.warn(
+            f"{path}: read as a quilt of {tiles[1]}x{tiles[0]} tiles (columns x rows), but its "
+            f"content repeats as in {found[1]}x{found[0]} tiles; if so, pass grid "
+            f"(--grid {found[0]} {found[1]})",
+            GridWarning,
+            stacklevel=5,
+        )
 
 
 def _has_dark_views(image: np.ndarray, grid: tuple[int, int]) -> bool:

@@ -78,6 +78,16 @@ def test_a_quilt_is_one_row_of_views_from_the_bottom_left_tile(tmp_path, name):
     np.testing.assert_array_equal(load(tmp_path / name, **options).views, views)
 
 
+def test_a_quilt_whose_name_states_other_tiles_is_named(tmp_path):
+    views = np.round(two_planes((1, 12), (40, 48), far=-0.2, near=0.5)[0] * 255).astype(np.uint8)
+    quilt = join_tiles(views.reshape(3, 4, *views.shape[2:])[::-1])
+    wrong = tmp_path / "bee_qs3x4.png"
+    Image.fromarray(quilt).save(wrong)
+    with pytest.warns(GridWarning, match=r"3x4 tiles .* repeats as in 4x3 tiles.*--grid 3 4"):
+        load(wrong, check_orientation=False)
+    np.testing.assert_array_equal(load(wrong, grid=(3, 4)).views, views)
+
+
 def test_a_quilt_needs_its_tiles(tmp_path):
     Image.fromarray(np.zeros((20, 20), np.uint8)).save(tmp_path / "bee.png")
     with pytest.raises(InputError, match=r"a quilt needs its tiles; pass grid \(--grid ROWS COL"):
