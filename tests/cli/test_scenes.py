@@ -267,7 +267,8 @@ def test_interruption_ends_the_command_and_keeps_what_is_complete(folder, tmp_pa
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert any(line == "begins\n" for line in process.stdout)
+    # Another thread may print within the line.
+    assert any("begins" in line for line in process.stdout)
     process.send_signal(number)
     _, err = process.communicate(timeout=120)  # not the 600 s of the scene
     assert process.returncode == code
