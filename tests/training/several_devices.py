@@ -137,16 +137,19 @@ def work(arguments: Sequence[str] | None = None, devices: int | None = None) -> 
     from occjax.training import LossConfig, OptimiserConfig, RunConfig, TrainConfig, read_log, train
     from occjax.training.placement import gather
     from tests.reference.variables import random_variables
-    from tests.training.conftest import NETWORK, PROPOSAL_NETWORK, planes
+    from tests.training.conftest import NETWORK, PROPOSAL_NETWORK, planes, prepared_batch
 
     made = []
     proposal = given.network == "proposal"
-    size = (32, 32) if proposal else (12, 14)
 
     def source(step, rows=slice(None)):
         numbers = sample_numbers(step, rows, BATCH_SIZE)
         made.extend(numbers)
-        samples = [planes(number, count=1, size=size) for number in numbers]
+        # The search is discrete: other last digits would change the proposals, so they are stored.
+        samples = [
+            prepared_batch(1, (32, 32), seed=number) if proposal else planes(number, count=1)
+            for number in numbers
+        ]
         # Pixels without truth: every sample has another weight in the mean.
         samples = [
             sample._replace(valid=sample.valid.at[:, : number % 7].set(False))
