@@ -23,7 +23,8 @@ from occjax.layout.readings import best_reading, places
 from occjax.lightfield import MIN_VIEW_SIZE_PX, to_grey
 
 MIN_SEAM_RATIO = 1.3
-"""Ratio of brightness steps at seams to those elsewhere above which an arrangement is detected."""
+"""Ratio of brightness differences above which an arrangement is clear: of steps at seams to steps
+elsewhere, and of neighbouring tiles as declared to those as detected."""
 
 MAX_DARK_RATIO = 0.6
 """Ratio of the darkest to the brightest view below which the darkest view counts as dark."""
@@ -219,19 +220,16 @@ def _change(lines: np.ndarray, count: int) -> float:
 
 
 def _warn_of_other_tiles(path: Path, image: np.ndarray, tiles: tuple[int, int]) -> None:
-    """Warn if the content of a quilt repeats as in other tiles than its name or user states."""
+    """Warn if the content of a quilt repeats as in other tiles than those that are declared."""
     grey = to_grey(image)
     found = repeated_tiles(grey)
-    if found is None or found == tiles:
+    if found is None:
         return
-    lines = [np.moveaxis(grey, axis, 0) for axis in (0, 1) if found[axis] != tiles[axis]]
-    counts = [pair for pair in zip(found, tiles, strict=True) if pair[0] != pair[1]]
-    better = (
-        _change(part, stated) > MIN_SEAM_RATIO * _change(part, repeated)
-        for part, (repeated, stated) in zip(lines, counts, strict=True)
-        if stated > 1
+    differs = (
+        declared > 1 and _change(lines, declared) > MIN_SEAM_RATIO * _change(lines, repeated)
+        for lines, declared, repeated in zip((grey, grey.T), tiles, found, strict=True)
     )
-    if any(better):
+    if any(differs):
         warnings.warn(
             f"{path}: read as a quilt of {tiles[1]}x{tiles[0]} tiles (columns x rows), but its "
             f"content repeats as in {found[1]}x{found[0]} tiles; if so, pass grid "
