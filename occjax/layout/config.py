@@ -60,6 +60,7 @@ class RegistrationConfig:
             fields have at most 1.25.
         min_crop_size_px: Shorter side of the middle half of the reduced images from which that half
             is measured first. If it is regular, the rest is not measured.
+        min_size_px: Shorter image side below which images are not reduced further.
         rounds: Rounds of the measurement that decides whether the views need corrections, and of
             each resolution of the full one.
         residual_scale: Grey difference, relative to the contrast of the centre view, at which a
@@ -79,6 +80,7 @@ class RegistrationConfig:
     min_improvement: float = 0.02
     max_loss_ratio: float = 1.3
     min_crop_size_px: int = 64
+    min_size_px: int = 24
     rounds: tuple[int, int] = (2, 4)
     residual_scale: float = 0.4
 

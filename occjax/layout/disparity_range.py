@@ -18,7 +18,8 @@ from occjax.layout.filters import box_mean
 from occjax.layout.orientation import Orientation
 
 NOISE_SPREAD = 0.75
-"""Standard deviation of the absolute value of Gaussian noise, relative to its mean."""
+"""Standard deviation of the absolute value of Gaussian noise, relative to its mean: nearly
+``sqrt(pi / 2 - 1)``."""
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,6 @@ from occjax.lightfield import (
 )
 from occjax.programs import kept
 
-MIN_SIZE_PX = 24
-"""Shorter image side below which images are not reduced further."""
-
 
 @dataclass(frozen=True, eq=False)
 class Registration:
@@ -198,7 +195,7 @@ def register(
     if spacing is None and views.are_regular(images, state, scale):
         return None
     pyramid = [images]
-    while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * MIN_SIZE_PX:
+    while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * settings.min_size_px:
         pyramid.insert(0, np.stack([reduce_image(image, 2) for image in pyramid[0]]))
     for level in pyramid:
         finest = level is pyramid[-1]

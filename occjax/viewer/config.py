@@ -23,6 +23,7 @@ class ViewerConfig:
             image.
         frame_seconds: Time for one refocused image while a slider moves; it determines how many
             views are averaged.
+        min_preview_views: Number of views that are averaged while it moves, at least.
         rest_seconds: Time after which a slider counts as at rest; then all views are averaged.
         blink_seconds: Time for which each result is shown while the results blink.
     """
@@ -34,5 +35,6 @@ class ViewerConfig:
     cost_radius_px: int = 2
     epi_radius_px: int = 40
     frame_seconds: float = 0.07
+    min_preview_views: int = 4
     rest_seconds: float = 0.25
     blink_seconds: float = 0.7

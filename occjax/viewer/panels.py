@@ -311,9 +311,7 @@ class RefocusPanel:
     def __init__(self, page: Page) -> None:
         assert page.scene.light_field is not None
         self.page = page
-        self._refocuser = LiveRefocuser(
-            page.scene.light_field, frame_seconds=page.config.frame_seconds
-        )
+        self._refocuser = LiveRefocuser(page.scene.light_field, page.config)
         low, high = page.scene.disparity_range
         largest = math.ceil(2.0 * self._refocuser.largest_aperture) / 2.0
         gui = page.server.gui

@@ -10,11 +10,9 @@ import numpy as np
 
 from occjax.lightfield import LightField
 from occjax.ops import aperture_weights, refocus
+from occjax.viewer.config import ViewerConfig
 from occjax.viz.pictures import view_picture
 from occjax.viz.refocusing import Refocuser
-
-MIN_PREVIEW_VIEWS = 4
-"""Number of views of a preview, at least."""
 
 
 class LiveRefocuser:
@@ -22,15 +20,15 @@ class LiveRefocuser:
 
     Args:
         light_field: The views.
-        frame_seconds: Time that a preview may take.
+        config: Settings of the viewer.
     """
 
-    def __init__(self, light_field: LightField, *, frame_seconds: float) -> None:
+    def __init__(self, light_field: LightField, config: ViewerConfig) -> None:
         self._all = Refocuser(light_field)
         prepared = self._all.light_field
         self._views = prepared.views[prepared.usable]
         self._offsets = prepared.offsets[prepared.usable].astype(np.float32)
-        self._frame_seconds = frame_seconds
+        self._config = config
         self._seconds_per_view = math.inf  # until it has been measured
 
     @property
@@ -52,7 +50,8 @@ class LiveRefocuser:
         if not preview:
             return self._all.image(disparity, aperture=aperture)
         weights = np.asarray(aperture_weights(self._offsets[None], aperture))[0]
-        affordable = max(MIN_PREVIEW_VIEWS, int(self._frame_seconds / self._seconds_per_view))
+        in_time = int(self._config.frame_seconds / self._seconds_per_view)
+        affordable = max(self._config.min_preview_views, in_time)
         chosen = spread(self._offsets, np.flatnonzero(weights), affordable)
         # A power of two, so that few programs serve all apertures.
         indices = np.resize(chosen, 1 << (chosen.size - 1).bit_length())
