@@ -23,9 +23,6 @@ from occjax.models.proposal.aperture import SECTORS, other_views
 from occjax.models.proposal.filters import box_filter
 from occjax.ops.sampling import as_coordinates, as_images
 
-HALF_APERTURE = 5
-"""Number of neighbouring sectors that form half of the aperture, including its edges."""
-
 MIN_WEIGHT = 1e-3
 """Weight, in views, of the aperture's mean in each sector; it fills sectors without views."""
 
@@ -173,7 +170,8 @@ def sector_means(costs: SectorCosts) -> SectorMeans:
     ]
 
     def half(first):
-        members = [(first + step) % SECTORS for step in range(HALF_APERTURE)]
+        # Both sectors at the edge of a half belong to it.
+        members = [(first + step) % SECTORS for step in range(SECTORS // 2 + 1)]
         weight = sum(weights[sector] for sector in members) + MIN_WEIGHT
         return box_filter((sum(sums[s] for s in members) + MIN_WEIGHT * mean) / weight, 1)
 
