@@ -33,8 +33,8 @@ GREY_WEIGHTS = (0.299, 0.587, 0.114)
 MIN_VIEW_SIZE_PX = 3
 """Smallest height and width, in pixels, of a view that is read from files."""
 
-MIN_SWAPPED_SIZE = 8
-"""Rows and columns of views from which a grid larger than its views is taken for their pixels."""
+MIN_CERTAIN_SIZE_PX = 8
+"""Height and width, in pixels, from which two axes can be told to be those of images."""
 
 
 def centre_index(grid: tuple[int, ...]) -> tuple[int, int]:
@@ -286,7 +286,8 @@ class LightField:
                 f"not {list(self.views.shape)}; reshape or transpose them, for example a list of "
                 "views by views.reshape(V, U, *views.shape[1:])"
             )
-        swapped = min(self.grid) >= MIN_SWAPPED_SIZE and all(np.greater(self.grid, self.image_size))
+        large = min(self.grid) >= MIN_CERTAIN_SIZE_PX
+        swapped = large and all(np.greater(self.grid, self.image_size))
         if swapped and self.view is None:
             raise InputError(
                 f"{self.name}: views have the shape {list(self.views.shape)}, a grid of more rows "

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-MIN_CERTAIN_SIZE_PX = 8
-"""Height and width, in pixels, from which two axes can be told to be those of images."""
+from occjax.lightfield import MIN_CERTAIN_SIZE_PX
 
 _ROLES = {4: ("AASS", "SSAA"), 5: ("AASSC", "AACSS", "CAASS", "CSSAA", "SSAAC", "SSCAA")}
 """Orders of angular (A), spatial (S) and colour (C) axes by their number, the usual one first."""

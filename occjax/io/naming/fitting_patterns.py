@@ -19,18 +19,15 @@ _FIELD = re.compile(
 """A number, a letter that stands alone, or each of one or two capitals at the end of a word. A sign
 after a letter or digit is a separator."""
 
-MIN_FILLED_FRACTION = 0.5
-"""Smallest fraction of the places of a grid that the files must fill."""
-
 
 def fitting_patterns(names: list[str]) -> list[str]:
     """Return the patterns that fit the names of the images in a folder.
 
     The names may differ in any number of fields, for instance in the row, the column, and the
     camera position. Two fields that take all combinations of their values are row and column. If
-    there are none, two fields that take most combinations are, else one field that differs in all
-    names is the number of the view. Files of several suffixes are read together, unless those of
-    one suffix alone fill a grid.
+    there are none, two fields that take at least half of them are, else one field that differs in
+    all names is the number of the view. Files of several suffixes are read together, unless those
+    of one suffix alone fill a grid.
 
     Args:
         names: Names of the images, which may contain folders.
@@ -97,7 +94,7 @@ def _fitting(template: str, suffix: str, stems: list[str]) -> tuple[list[str], b
         if len(set(zip(columns[a], columns[b], strict=True))) == len(stems)
     }
     full = [pair for pair, filled in pairs.items() if filled == 1.0]
-    chosen = full or [pair for pair, filled in pairs.items() if filled >= MIN_FILLED_FRACTION]
+    chosen = full or [pair for pair, filled in pairs.items() if filled >= 0.5]
     if chosen:
         patterns = [_pattern(template, suffix, {a: "{v}", b: "{u}"}, fixed) for a, b in chosen]
         return patterns, bool(full)
