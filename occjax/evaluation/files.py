@@ -16,13 +16,11 @@ from occjax.evaluation.metrics import (
     evaluate,
 )
 from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
+from occjax.io.config import ReadingConfig
 from occjax.io.maps import changed_maps, read_map
 
 MAX_DISPARITY_RATIO = 10.0
 """Largest plausible disparity per view step, relative to the larger side of the map."""
-
-MAX_CHANGED_ERROR_RATIO = 0.3
-"""Ratio of the median errors, changed map to given one, below which the given one is wrong."""
 
 
 def evaluate_files(
@@ -79,7 +77,12 @@ def evaluate_files(
         raise InputError(f"{estimate_path} against {ground_truth_path}: {error}") from None
 
 
-def _warn_of_a_changed_map(names: str, estimate: np.ndarray, ground_truth: np.ndarray) -> None:
+def _warn_of_a_changed_map(
+    names: str,
+    estimate: np.ndarray,
+    ground_truth: np.ndarray,
+    config: ReadingConfig = ReadingConfig(),
+) -> None:
     """Warn if the maps agree much better with one of them reversed or negated."""
     if estimate.shape != ground_truth.shape:
         return
@@ -91,7 +94,7 @@ def _warn_of_a_changed_map(names: str, estimate: np.ndarray, ground_truth: np.nd
         return
     best = min(medians, key=medians.__getitem__)
     median, changed = medians[""], medians[best]
-    if median > BAD_PIXEL_THRESHOLD and changed < MAX_CHANGED_ERROR_RATIO * median:
+    if median > BAD_PIXEL_THRESHOLD and changed < config.max_changed_error_ratio * median:
         warnings.warn(
             f"{names}: the maps agree better if the {best} of one of them (median error "
             f"{changed:.3g} instead of {median:.3g}); correct the map that is wrong",

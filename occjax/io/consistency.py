@@ -8,17 +8,12 @@ import numpy as np
 from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float
 
+from occjax.io.config import ReadingConfig
 from occjax.io.maps import changed_maps
 from occjax.layout import ViewOrderConfig
 from occjax.layout.report import view_order_scores
 from occjax.lightfield import LightField, centre_index, project, to_grey
 from occjax.programs import kept
-
-MIN_TRUTH_RATIO = 1.3
-"""Ratio of the grey differences under two readings of the truth from which the lower is right."""
-
-TRUTH_SAMPLES = 128
-"""Number of rows and columns, at least, at which the truth is compared if the views have them."""
 
 
 def most_consistent(candidates: Sequence[np.ndarray], config: ViewOrderConfig | None = None) -> int:
@@ -44,11 +39,12 @@ def most_consistent(candidates: Sequence[np.ndarray], config: ViewOrderConfig | 
     return best if scores[0] > config.clearly_worse_ratio * scores[best] else 0
 
 
-def truth_fault(light_field: LightField) -> str | None:
+def truth_fault(light_field: LightField, config: ReadingConfig = ReadingConfig()) -> str | None:
     """Return how the ground truth must be changed to agree with the views.
 
     Args:
         light_field: Views with ground truth; at least two views.
+        config: Thresholds.
 
     Returns:
         Words for a message; None if the truth agrees best as it is.
@@ -65,17 +61,20 @@ def truth_fault(light_field: LightField) -> str | None:
     assert truth is not None
     readings: dict[str | None, np.ndarray] = {None: truth}
     readings |= {f"its {words}": changed for words, changed in changed_maps(truth).items()}
-    differences = {words: _truth_difference(light_field, d) for words, d in readings.items()}
+    samples = config.truth_samples
+    differences = {
+        words: _truth_difference(light_field, d, samples) for words, d in readings.items()
+    }
     best = min(differences, key=differences.__getitem__)
-    return best if differences[None] > MIN_TRUTH_RATIO * differences[best] else None
+    return best if differences[None] > config.min_truth_ratio * differences[best] else None
 
 
-def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
+def _truth_difference(light_field: LightField, disparity: np.ndarray, samples: int) -> float:
     """Return the mean grey difference of the centre view from its neighbours at a disparity."""
     (rows, columns), (h, w) = light_field.grid, light_field.image_size
     v0, u0 = centre_index(light_field.grid)
     offsets = light_field.offsets
-    step = max(1, min(h, w) // TRUTH_SAMPLES)
+    step = max(1, min(h, w) // samples)
     y, x = np.mgrid[0:h:step, 0:w:step]
     centre, d = to_grey(light_field.centre)[y, x], disparity[y, x].astype(np.float64)
     differences = []

@@ -15,6 +15,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.arrays import check_ground_truth, check_views, read_npy
+from occjax.io.config import ReadingConfig
 from occjax.io.files import reading
 from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import HciConfig, read_hci_config
@@ -28,10 +29,6 @@ from occjax.io.positions import read_positions
 from occjax.io.view_files import ViewFiles
 from occjax.layout.readings import best_reading, places
 from occjax.lightfield import LightField, centre_index
-
-MAX_UNUSABLE_FRACTION = 0.1
-"""Fraction of the images above which images that cannot be decoded, or are of another size, are an
-error. One such image never is."""
 
 Progress = Callable[[int, int], None]
 """Called with the number of views read and the number of all views."""
@@ -172,7 +169,10 @@ def _check_range(folder: Path, disparity_range: tuple[float, float], size: int) 
 
 
 def _read_views(
-    folder: Path, named: NamedViews, progress: Progress | None
+    folder: Path,
+    named: NamedViews,
+    progress: Progress | None,
+    config: ReadingConfig = ReadingConfig(),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Read ``[V, U, H, W, C]`` views; return them with the mask ``[V, U]`` of those that are there.
 
@@ -209,7 +209,7 @@ def _read_views(
                 progress(done, len(paths))
     finally:
         pool.shutdown(cancel_futures=True)
-    usual, most = _format(reference), max(1.0, MAX_UNUSABLE_FRACTION * len(paths))
+    usual, most = _format(reference), max(1.0, config.max_unusable_fraction * len(paths))
     if len(formats) > most:
         counts = Counter({usual: int(present.sum())}) + Counter(formats.values())
         listed = " and ".join(f"{count} of {kind}" for kind, count in counts.most_common())

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from occjax.errors import InputError
+from occjax.io.config import ReadingConfig
 from occjax.io.limits import ReadLimits
 
 HDR_SUFFIXES = (".exr", ".hdr")
@@ -18,9 +19,6 @@ MAX_CODE = 2**16 - 1
 
 MU = 5000.0
 """Compression of the mu-law, as in Kalantari and Ramamoorthi (2017), equation 5."""
-
-WHITE_PERCENTILE = 99.9
-"""Percentile of the pixels that becomes white."""
 
 
 def read_exr(path: Path, file_bytes: int) -> np.ndarray:
@@ -61,7 +59,9 @@ def read_exr(path: Path, file_bytes: int) -> np.ndarray:
     return np.stack([channels[name] for name in names], axis=-1)
 
 
-def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
+def tone_mapped(
+    path: Path, views: np.ndarray, config: ReadingConfig = ReadingConfig()
+) -> np.ndarray:
     r"""Return views of integers or in [0, 1], by one mu-law for all views if they are neither.
 
     ``log(1 + mu x / white) / log(1 + mu)``, which keeps differences in dark and bright parts.
@@ -69,6 +69,7 @@ def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
     Args:
         path: File or folder of the views, for the message.
         views: ``[V, U, H, W, C]`` of any type.
+        config: Thresholds.
 
     Returns:
         The views as they are if they are integers or in [0, 1]; as integers if they are whole
@@ -98,7 +99,7 @@ def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
         return views.astype(np.uint8 if bits == 8 else np.uint16)
     if high <= 0.0:
         raise InputError(f"{path}: no pixel is positive; save the views with values above 0")
-    white = float(np.percentile(views, WHITE_PERCENTILE)) or high
+    white = float(np.percentile(views, config.white_percentile)) or high
     warnings.warn(
         f"{path}: pixels reach from {low:.4g} to {high:.4g}; they are tone-mapped by a mu-law with "
         f"white at {white:.4g}; map them to [0, 1] yourself if you need another mapping",

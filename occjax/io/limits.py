@@ -33,12 +33,15 @@ class ReadLimits:
         small_bytes: Decoded bytes up to which the size of the file does not matter.
         expansion: Decoded bytes per byte of the file, above ``small_bytes``. Deflate, the
             compression of PNG, ``.npz`` and HDF5, reaches 1032 at most.
+        views_per_file: Views of the grid, with the missing ones, per image of a folder. A cross of
+            views in a grid of NxN has about N / 2.
     """
 
     image_pixels: int = 2**28
     light_field_bytes: int = 2**31
     small_bytes: int = 2**26
     expansion: int = 1100
+    views_per_file: int = 50
 
     @classmethod
     def current(cls) -> ReadLimits:

@@ -16,33 +16,27 @@ from pathlib import Path
 import numpy as np
 
 from occjax.errors import InputError
+from occjax.io.config import ReadingConfig
 from occjax.io.images import read_image
 from occjax.io.layouts import Mosaic
 from occjax.io.naming import GridWarning
 from occjax.layout.readings import best_reading, places
 from occjax.lightfield import MIN_VIEW_SIZE_PX, to_grey
 
-MIN_SEAM_RATIO = 1.3
-"""Ratio of brightness differences above which an arrangement is clear: of steps at seams to steps
-elsewhere, and of neighbouring tiles as declared to those as detected."""
 
-MAX_DARK_RATIO = 0.6
-"""Ratio of the darkest to the brightest view below which the darkest view counts as dark."""
-
-MIN_PIXELS_FOR_DARKNESS = 400
-"""Number of pixels per view above which the mean brightness of a view is reliable."""
-
-MIN_REPEATED_PX = 16
-"""Smallest height and width of a tile, in pixels, for which repeated content can be detected."""
-
-
-def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
+def read_mosaic(
+    path: Path,
+    grid: tuple[int, int] | None,
+    kind: Mosaic | None,
+    config: ReadingConfig = ReadingConfig(),
+) -> np.ndarray:
     """Read one image of all views.
 
     Args:
         path: Image file.
         grid: ``(V, U)``, number of view rows and columns; of a quilt, rows and columns of tiles.
         kind: Arrangement of the views; None to detect it.
+        config: Thresholds of the detection.
 
     Returns:
         ``[V, U, H, W, C]`` views.
@@ -62,7 +56,7 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
         if tiles is None or min(tiles) < 1:
             raise InputError(f"{path}: a quilt needs its tiles; pass grid (--grid ROWS COLUMNS)")
         image = read_image(path)
-        _warn_of_other_tiles(path, image, tiles)
+        _warn_of_other_tiles(path, image, tiles, config)
         return split_quilt(image, tiles)
     if grid is None:
         raise InputError(
@@ -77,13 +71,13 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
             f"{path}: {image.shape[0]}x{image.shape[1]} pixels leave {height}x{width} for each of "
             f"{grid[0]}x{grid[1]} views; pass the right grid (--grid V U)"
         )
-    detected = kind or detect_mosaic(image, grid)
+    detected = kind or detect_mosaic(image, grid, config)
     if detected is None:
         raise InputError(
             f"{path}: cannot tell tiled views from a MacPI image; "
             "pass layout (--layout tiled, or macpi)"
         )
-    period = lens_period(image, grid)
+    period = lens_period(image, grid, config)
     if period is not None and (detected != "macpi" or period != tuple(grid)):
         warnings.warn(
             f"{path}: read as {grid[0]}x{grid[1]} views, {detected}, but its brightness steps are "
@@ -115,7 +109,9 @@ def _is_quilt(views: np.ndarray) -> bool:
     return best.number == 1 and best.clear
 
 
-def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
+def detect_mosaic(
+    image: np.ndarray, grid: tuple[int, int], config: ReadingConfig = ReadingConfig()
+) -> Mosaic | None:
     """Detect the arrangement of a mosaic by the positions of brightness steps.
 
     Tiles have seams between neighbouring views, a MacPI image has seams between microlenses. The
@@ -125,11 +121,12 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     Args:
         image: ``[V * H, U * W, C]``.
         grid: ``(V, U)``.
+        config: Thresholds.
 
     Returns:
         The arrangement; None if there is no clear difference, for instance without texture.
     """
-    if _has_dark_views(image, grid):
+    if _has_dark_views(image, grid, config):
         return "macpi"
     at_tiles, at_lenses, elsewhere = [], [], []
     for axis, count in enumerate(grid):
@@ -145,18 +142,21 @@ def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
         elsewhere.append(profile[~lens & ~tile])
     if not at_tiles:
         return "tiled"  # one view, or views of one pixel: both arrangements are the same
-    threshold = MIN_SEAM_RATIO * _mean(elsewhere)
+    threshold = config.min_seam_ratio * _mean(elsewhere)
     if _mean(at_lenses) > threshold:
         return "macpi"
     return "tiled" if _mean(at_tiles) > threshold else None
 
 
-def lens_period(image: np.ndarray, grid: tuple[int, int]) -> tuple[int, int] | None:
+def lens_period(
+    image: np.ndarray, grid: tuple[int, int], config: ReadingConfig = ReadingConfig()
+) -> tuple[int, int] | None:
     """Return the grid of a MacPI image, from the distance of its brightness steps.
 
     Args:
         image: ``[V * H, U * W, C]``.
         grid: ``(V, U)`` that the user declares; seams of its tiles do not count.
+        config: Thresholds.
 
     Returns:
         ``(V, U)``, each 2 to 20; None if the image has no clear period, as a tiled image.
@@ -181,17 +181,20 @@ def lens_period(image: np.ndarray, grid: tuple[int, int]) -> tuple[int, int] | N
                 usual = float(np.median(profile[at_lenses]))
                 ratios[n] = usual / max(elsewhere, np.finfo(np.float32).tiny)
         best = max(ratios, key=ratios.__getitem__, default=None)
-        if best is None or ratios[best] <= MIN_SEAM_RATIO:
+        if best is None or ratios[best] <= config.min_seam_ratio:
             return None
         period.append(best)
     return period[0], period[1]
 
 
-def repeated_tiles(image: np.ndarray) -> tuple[int, int] | None:
+def repeated_tiles(
+    image: np.ndarray, config: ReadingConfig = ReadingConfig()
+) -> tuple[int, int] | None:
     """Return the grid of a tiled image, from the distance at which its content repeats.
 
     Args:
         image: ``[V * H, U * W]`` grey tiles.
+        config: Thresholds.
 
     Returns:
         ``(V, U)``, each 2 to 20; None if no grid divides the image.
@@ -205,7 +208,8 @@ def repeated_tiles(image: np.ndarray) -> tuple[int, int] | None:
     for axis in (0, 1):
         lines = np.moveaxis(image, axis, 0)
         size = len(lines)
-        counts = [n for n in range(20, 1, -1) if size % n == 0 and size // n >= MIN_REPEATED_PX]
+        most = min(20, size // config.min_repeated_px)
+        counts = [n for n in range(most, 1, -1) if size % n == 0]
         if not counts:
             return None
         change = {n: _change(lines, n) for n in counts}
@@ -219,14 +223,17 @@ def _change(lines: np.ndarray, count: int) -> float:
     return float(np.abs(lines[size:] - lines[:-size]).mean())
 
 
-def _warn_of_other_tiles(path: Path, image: np.ndarray, tiles: tuple[int, int]) -> None:
+def _warn_of_other_tiles(
+    path: Path, image: np.ndarray, tiles: tuple[int, int], config: ReadingConfig
+) -> None:
     """Warn if the content of a quilt repeats as in other tiles than those that are declared."""
     grey = to_grey(image)
-    found = repeated_tiles(grey)
+    found = repeated_tiles(grey, config)
     if found is None:
         return
+    ratio = config.min_seam_ratio
     differs = (
-        declared > 1 and _change(lines, declared) > MIN_SEAM_RATIO * _change(lines, repeated)
+        declared > 1 and _change(lines, declared) > ratio * _change(lines, repeated)
         for lines, declared, repeated in zip((grey, grey.T), tiles, found, strict=True)
     )
     if any(differs):
@@ -239,16 +246,16 @@ def _warn_of_other_tiles(path: Path, image: np.ndarray, tiles: tuple[int, int]) 
         )
 
 
-def _has_dark_views(image: np.ndarray, grid: tuple[int, int]) -> bool:
+def _has_dark_views(image: np.ndarray, grid: tuple[int, int], config: ReadingConfig) -> bool:
     """Return whether, taken as a MacPI image, some views are much darker than others.
 
     If a tiled image is split as a MacPI image, each part has pixels of all views. Therefore all
     parts are about equally bright.
     """
-    if image.shape[0] * image.shape[1] < MIN_PIXELS_FOR_DARKNESS * grid[0] * grid[1]:
+    if image.shape[0] * image.shape[1] < config.min_dark_pixels * grid[0] * grid[1]:
         return False
     brightness = split_macpi(image, grid).mean((2, 3, 4), dtype=np.float64)
-    return bool(brightness.min() < MAX_DARK_RATIO * brightness.max())
+    return bool(brightness.min() < config.max_dark_ratio * brightness.max())
 
 
 def _view_size(

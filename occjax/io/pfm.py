@@ -16,11 +16,8 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
+from occjax.io.config import ReadingConfig
 from occjax.io.files import decoding
-
-MIN_PIXELS_FOR_BYTE_ORDER = 256
-"""Smallest number of values that can show that the byte order in the header is wrong."""
-
 
 MAX_HEADER_BYTES = 2**14
 """Number of bytes in which the header, with its comments, must end."""
@@ -150,12 +147,15 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
     return PfmHeader(height, width, channels, scale < 0, start)
 
 
-def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
+def decode_pfm(
+    data: bytes, path: str | Path, config: ReadingConfig = ReadingConfig()
+) -> np.ndarray:
     r"""Read the image of a PFM file from its bytes.
 
     Args:
         data: All bytes of the file.
         path: Name of the file for messages.
+        config: Thresholds.
 
     Returns:
         ``[H, W]`` (grey) or ``[H, W, 3]`` (colour) float32, top row first.
@@ -171,7 +171,8 @@ def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
     byte_order = "<f4" if header.little_endian else ">f4"
     stored = np.frombuffer(data, byte_order, offset=header.start)
     usual, swapped = _usual_fraction(stored), _usual_fraction(stored.byteswap())
-    if stored.size >= MIN_PIXELS_FOR_BYTE_ORDER and usual < 0.5 and swapped > 0.9:
+    enough = stored.size >= config.min_byte_order_values
+    if enough and usual < 0.5 and swapped > 0.9:
         order, sign = ("little", "positive") if header.little_endian else ("big", "negative")
         raise InputError(
             f"{path}: the header says that values are {order}-endian, but they are only plausible "

@@ -11,12 +11,10 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.arrays import check_positions, read_npy
+from occjax.io.config import ReadingConfig
 from occjax.io.files import decoding
 from occjax.io.naming import GridWarning, NamedViews
 from occjax.lightfield import centre_index
-
-MIN_VIEW_STEP = 0.3
-"""Distance of neighbouring cameras below which, or above whose inverse, it is no view step."""
 
 
 def read_positions(folder: Path, named: NamedViews) -> tuple[NamedViews, np.ndarray | None]:
@@ -98,12 +96,15 @@ def relative_to_centre(positions: np.ndarray, unit: float) -> np.ndarray:
     return ((positions - centre) / unit).astype(np.float32)
 
 
-def warn_of_unit(path: Path, positions: np.ndarray) -> None:
+def warn_of_unit(
+    path: Path, positions: np.ndarray, config: ReadingConfig = ReadingConfig()
+) -> None:
     """Warn if positions that are used as they are seem to be in another unit than view steps.
 
     Args:
         path: File that they come from.
         positions: ``[V, U, 2]`` positions ``(row, column)``.
+        config: Thresholds.
 
     Warns:
         GridWarning: If the mean spacing of rows and of columns is far from 1.
@@ -112,7 +113,7 @@ def warn_of_unit(path: Path, positions: np.ndarray) -> None:
         >>> warn_of_unit(Path("scene.npz"), np.indices((3, 3)).transpose(1, 2, 0))
     """
     step = max(abs(_step(positions, axis, c)) for axis in (0, 1) for c in (0, 1))
-    if not MIN_VIEW_STEP < step < 1 / MIN_VIEW_STEP:
+    if not config.min_view_step < step < 1 / config.min_view_step:
         warnings.warn(
             f"{path}: neighbouring cameras are {step:.4g} apart in positions, which are used as "
             "they are: disparity is in pixels per unit of them; divide positions by this number "

@@ -14,20 +14,12 @@ from decimal import Decimal
 import numpy as np
 
 from occjax.errors import InputError
+from occjax.io.config import ReadingConfig
+from occjax.io.limits import ReadLimits
 from occjax.io.naming.patterns import NAMES, index_value, renamed
 
 BENCHMARK_VIEWS = 81
 """Number of views of the benchmarks, which is taken as a 9x9 grid without a warning."""
-
-MIN_COMPLETE_FRACTION = 0.5
-"""Smallest fraction of the numbers, and of the rows and columns, from which gaps count as missing
-views."""
-
-MIN_PRESENT_FRACTION = 0.02
-"""Smallest fraction of a grid that the files must fill; a cross of views fills 2 / N of NxN."""
-
-MIN_ROUND_FRACTION = 0.7
-"""Smallest fraction of a square grid that a round aperture fills; that of a circle is 0.79."""
 
 
 class GridWarning(UserWarning):
@@ -72,7 +64,10 @@ class NamedViews:
 
 
 def arrange_by_number(
-    folder: str, matches: list[re.Match[str]], grid: tuple[int, int] | None
+    folder: str,
+    matches: list[re.Match[str]],
+    grid: tuple[int, int] | None,
+    config: ReadingConfig = ReadingConfig(),
 ) -> NamedViews:
     """Arrange views that are numbered row by row.
 
@@ -84,6 +79,7 @@ def arrange_by_number(
         folder: Name of the folder, for messages.
         matches: Matched file names, with the field ``i``.
         grid: ``(V, U)``; None for a square.
+        config: Thresholds.
 
     Raises:
         InputError: If the number of views fits no grid.
@@ -100,8 +96,10 @@ def arrange_by_number(
     starts_late = not counts_from_0 and (numbers[0] == 1 or numbers[0] > present)
     first = numbers[0] if (consecutive and fits) or starts_late else 0
     count = numbers[-1] - first + 1
-    has_gaps = not _is_square(count) or present < MIN_COMPLETE_FRACTION * count
-    symmetric = [base for base in (0, 1) if _is_symmetric(numbers, base, grid)]
+    has_gaps = not _is_square(count) or 2 * present < count
+    symmetric = [
+        base for base in (0, 1) if _is_symmetric(numbers, base, grid, config.min_round_fraction)
+    ]
     if fits and (grid or consecutive or (has_gaps and not symmetric)):
         rows, columns = grid or (math.isqrt(present),) * 2
         certain = grid is not None or (consecutive and present in (1, BENCHMARK_VIEWS))
@@ -179,7 +177,7 @@ def arrange_by_row_and_column(
     _check_present(folder, len(by_index), shape)
     for axis, name in enumerate(("rows", "columns")):
         filled = len({index[axis] for index in by_index})
-        if shape[axis] > filled / MIN_COMPLETE_FRACTION:
+        if shape[axis] > 2 * filled:
             raise InputError(
                 f"{folder}: the names show {shape[0]}x{shape[1]} views, but most {name} have none; "
                 "name one grid only, or pass pattern (--pattern)"
@@ -232,7 +230,7 @@ def first_few(names: list[str]) -> str:
 
 def _check_present(folder: str, present: int, grid: tuple[int, int]) -> None:
     """Refuse a grid of many more views than there are files."""
-    if math.prod(grid) > present / MIN_PRESENT_FRACTION:
+    if math.prod(grid) > ReadLimits.current().views_per_file * present:
         rows, columns = (n if n < 1e9 else f"{Decimal(n):.3g}" for n in grid)
         raise InputError(
             f"{folder}: has {present} of the {rows}x{columns} views; correct the grid (--grid V U, "
@@ -261,20 +259,23 @@ def _is_square(count: int) -> bool:
     return math.isqrt(count) ** 2 == count
 
 
-def _is_symmetric(numbers: list[int], base: int, grid: tuple[int, int] | None) -> bool:
+def _is_symmetric(
+    numbers: list[int], base: int, grid: tuple[int, int] | None, min_fraction: float
+) -> bool:
     """Return whether as many numbers of a grid are missing at the start as at the end.
 
     Args:
         numbers: Numbers of the views, ascending.
         base: Number of the first view of the grid.
         grid: ``(V, U)``; None for any square that the views fill like a round aperture.
+        min_fraction: Smallest fraction of a square that a round aperture fills.
     """
     count = numbers[0] + numbers[-1] + 1 - 2 * base
     if numbers[0] <= base:
         return False
     if grid is not None:
         return count == math.prod(grid)
-    return _is_square(count) and len(numbers) >= MIN_ROUND_FRACTION * count
+    return _is_square(count) and len(numbers) >= min_fraction * count
 
 
 def _by_key(folder: str, keyed: list[tuple]) -> dict:
