@@ -31,9 +31,6 @@ Rate = Annotated[float, arg(metavar="RATE", help="Frames per second of a video."
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif")
 """Suffixes of pictures that are written, in lower case."""
 
-WINDOW_PX = 128
-"""Side of the part of the views in which the disparity of one pixel is estimated, in pixels."""
-
 
 def refocus_command(
     scene: Scene,
@@ -216,18 +213,18 @@ def _disparity_at(refocuser: Refocuser, at: tuple[int, int], result: Path | None
     return disparity
 
 
-def _estimate_at(light_field: LightField, at: tuple[int, int]) -> float:
-    """Estimate the disparity of one pixel from the part of the views around it."""
+def _estimate_at(light_field: LightField, at: tuple[int, int], *, window_px: int = 128) -> float:
+    """Estimate the disparity of one pixel from a square part of the views around it."""
     import dataclasses
 
     from occjax.estimators import estimate
     from occjax.layout import disparity_range_of
 
     starts = [
-        min(max(place - WINDOW_PX // 2, 0), max(size - WINDOW_PX, 0))
+        min(max(place - window_px // 2, 0), max(size - window_px, 0))
         for place, size in zip(at, light_field.image_size, strict=True)
     ]
-    rows, columns = (slice(start, start + WINDOW_PX) for start in starts)
+    rows, columns = (slice(start, start + window_px) for start in starts)
     window = dataclasses.replace(
         light_field, views=light_field.views[:, :, rows, columns], ground_truth=None
     )

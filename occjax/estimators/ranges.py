@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,19 @@ from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
 from occjax.layout import disparity_range_of
 from occjax.lightfield import LightField
 
-LIMIT_MARGIN = 0.001
-"""Margin, as a fraction of the search range, within which a disparity counts as at its limit."""
 
-MAX_FRACTION_AT_LIMIT = 0.1
-"""Fraction of the pixels at a limit above which the range was too narrow. Sufficient ranges have
-at most 0.003, insufficient ones 0.12 and more."""
+@dataclass(frozen=True)
+class LimitConfig:
+    """Thresholds by which a searched range counts as too narrow.
+
+    Attributes:
+        margin: Margin, as a fraction of the range, within which a disparity counts as at its limit.
+        max_fraction: Fraction of the pixels at a limit above which the range was too narrow.
+            Sufficient ranges have at most 0.003, insufficient ones 0.12 and more.
+    """
+
+    margin: float = 0.001
+    max_fraction: float = 0.1
 
 
 def choose_range(
@@ -44,22 +52,25 @@ def choose_range(
     return (low, high), ()
 
 
-def notes_on_limits(disparity: np.ndarray, disparity_range: DisparityRange) -> list[str]:
+def notes_on_limits(
+    disparity: np.ndarray, disparity_range: DisparityRange, config: LimitConfig = LimitConfig()
+) -> list[str]:
     """Return notes for the user if many disparities are at a limit of the searched range.
 
     Args:
         disparity: ``[H, W]`` disparity, pixels per view step.
         disparity_range: Range that was searched.
+        config: Thresholds.
     """
     low, high = disparity_range
-    margin = LIMIT_MARGIN * (high - low)
+    margin = config.margin * (high - low)
     notes = []
     for end, at_limit in (
         ("lower", disparity <= low + margin),
         ("upper", disparity >= high - margin),
     ):
         fraction = float(np.mean(at_limit))
-        if fraction > MAX_FRACTION_AT_LIMIT:
+        if fraction > config.max_fraction:
             notes.append(
                 f"{fraction:.0%} of the disparities are at the {end} limit of the searched range "
                 f"[{low:.2f}, {high:.2f}]; the range is probably too narrow, pass a wider "

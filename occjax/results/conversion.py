@@ -19,12 +19,6 @@ from occjax.lightfield import Calibration
 METRES = "metres; x right, y up, z to the viewer; centre camera at the origin"
 PIXELS = "pixels; x right, y up, z = disparity * max(H, W) / 8 to the viewer"
 
-MAX_DIFFERENCE = 0.02
-"""Difference of neighbours on one surface, at most, as a fraction of the range of the map."""
-
-MIN_NEIGHBOURS = 4
-"""Number of the eight neighbours, at least, that are on the surface of a pixel."""
-
 
 class PointCloud(NamedTuple):
     """Points in space of the pixels of the centre view.
@@ -165,15 +159,16 @@ def points_at(
     return depth[..., None] * directions
 
 
-def flying_pixels(disparity: np.ndarray) -> np.ndarray:
+def flying_pixels(disparity: np.ndarray, *, max_step: float = 0.02) -> np.ndarray:
     """Find pixels between two surfaces, which belong to neither.
 
     At a depth edge an estimate may pass through disparities at which nothing is. A pixel is such a
-    flying pixel if fewer than :data:`MIN_NEIGHBOURS` of its eight neighbours have a similar
-    disparity: one that differs by at most :data:`MAX_DIFFERENCE` of the range of the map.
+    flying pixel if fewer than half of its eight neighbours have a similar disparity.
 
     Args:
         disparity: ``[H, W]``, pixels per view step.
+        max_step: Difference of neighbours on one surface, at most, as a fraction of the range of
+            the map.
 
     Returns:
         ``[H, W]`` booleans; pixels without a value are flying pixels.
@@ -192,8 +187,8 @@ def flying_pixels(disparity: np.ndarray) -> np.ndarray:
     similar = np.zeros(disparity.shape, int)
     for y, x in np.ndindex(3, 3):
         neighbour = padded[y : y + height, x : x + width]
-        similar += np.abs(neighbour - disparity) <= MAX_DIFFERENCE * (high - low)
-    return similar - 1 < MIN_NEIGHBOURS  # a pixel is similar to itself
+        similar += np.abs(neighbour - disparity) <= max_step * (high - low)
+    return similar - 1 < 8 / 2  # a pixel is similar to itself
 
 
 def write_points(
