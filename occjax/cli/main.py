@@ -18,46 +18,29 @@ class Command(NamedTuple):
 
     Attributes:
         group: What it is for; the help on all commands has a paragraph for each group.
-        module: Module that defines it.
-        function: Name of its function.
+        module: Module that defines it, in a function of its name with ``_command`` appended.
         summary: Its line in the help on all commands.
     """
 
     group: str
     module: str
-    function: str
     summary: str
 
 
 COMMANDS = {
-    name: Command(*words)
-    for name, *words in (
-        ("estimate", "Estimate", "estimating", "estimate_command", "Estimate disparity maps."),
-        ("demo", "Estimate", "estimating", "demo_command", "Estimate the bundled sample."),
-        ("view", "Look", "viewing", "view_command", "Look at results in the browser."),
-        ("report", "Look", "reporting", "report_command", "Write one page on results."),
-        ("refocus", "Look", "refocusing", "refocus_command", "Change the focus or the aperture."),
-        ("sweep", "Look", "refocusing", "sweep_command", "Write a video through the views."),
-        (
-            "check",
-            "Measure",
-            "measuring",
-            "check_command",
-            "Measure view order and disparity range.",
-        ),
-        ("evaluate", "Measure", "measuring", "evaluate_command", "Compare with the ground truth."),
-        (
-            "convert",
-            "Convert",
-            "converting",
-            "convert_command",
-            "Convert maps: depth, points, formats.",
-        ),
-        ("pool", "Train", "pooling", "pool_command", "Render procedural light fields."),
-        ("train", "Train", "training", "", "Train a network, or resume its training."),
-        ("weights", "Set up", "weights", "weights_command", "List or download weights."),
-        ("cache", "Set up", "caching", "cache_command", "Show or remove compiled programs."),
-    )
+    "estimate": Command("Estimate", "estimating", "Estimate disparity maps."),
+    "demo": Command("Estimate", "estimating", "Estimate the bundled sample."),
+    "view": Command("Look", "viewing", "Look at results in the browser."),
+    "report": Command("Look", "reporting", "Write one page on results."),
+    "refocus": Command("Look", "refocusing", "Change the focus or the aperture."),
+    "sweep": Command("Look", "refocusing", "Write a video through the views."),
+    "check": Command("Measure", "measuring", "Measure view order and disparity range."),
+    "evaluate": Command("Measure", "measuring", "Compare with the ground truth."),
+    "convert": Command("Convert", "converting", "Convert maps: depth, points, formats."),
+    "pool": Command("Train", "pooling", "Render procedural light fields."),
+    "train": Command("Train", "training", "Train a network, or resume its training."),
+    "weights": Command("Set up", "weights", "List or download weights."),
+    "cache": Command("Set up", "caching", "Show or remove compiled programs."),
 }
 
 SHELLS = ("bash", "zsh")
@@ -132,10 +115,9 @@ def _print_completion(arguments: list[str]) -> int:
 
 def _function(name: str, arguments: list[str]) -> Callable[..., int]:
     """Import the function of a command; that of training reads the arguments for its defaults."""
-    command = COMMANDS[name]
     if name == "train":
         from occjax.training.command import training_command
 
         return training_command(arguments)
-    module = importlib.import_module(f"occjax.cli.{command.module}")
-    return getattr(module, command.function)
+    module = importlib.import_module(f"occjax.cli.{COMMANDS[name].module}")
+    return getattr(module, f"{name}_command")
