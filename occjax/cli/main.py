@@ -115,9 +115,6 @@ def _print_completion(arguments: list[str]) -> int:
 
 def _function(name: str, arguments: list[str]) -> Callable[..., int]:
     """Import the function of a command; that of training reads the arguments for its defaults."""
-    if name == "train":
-        from occjax.training.command import training_command
-
-        return training_command(arguments)
     module = importlib.import_module(f"occjax.cli.{COMMANDS[name].module}")
-    return getattr(module, f"{name}_command")
+    function = getattr(module, f"{name}_command")
+    return function(arguments) if name == "train" else function

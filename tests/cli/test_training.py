@@ -6,16 +6,10 @@ from types import MappingProxyType, SimpleNamespace
 import pytest
 import tyro
 
+from occjax.cli import training
 from occjax.errors import InputError
 from occjax.models import preset
-from occjax.training import (
-    OptimiserConfig,
-    RunConfig,
-    TrainConfig,
-    command,
-    read_log,
-    recipes,
-)
+from occjax.training import OptimiserConfig, RunConfig, TrainConfig, read_log, recipes
 from occjax.training.loop import Trained
 from occjax.training.recipes import RECIPES, Recipe, recipe
 from tests.training.conftest import NETWORK, planes
@@ -24,7 +18,7 @@ from tests.training.conftest import NETWORK, planes
 def run(*arguments):
     """Return the exit code of ``occjax train ARGUMENTS``."""
     arguments = [str(argument) for argument in arguments]
-    return tyro.cli(command.training_command(arguments), args=arguments)
+    return tyro.cli(training.train_command(arguments), args=arguments)
 
 
 @pytest.fixture
@@ -153,9 +147,9 @@ def micro(monkeypatch):
     data = dataclasses.replace(tiny.data, batch_size=1)
     run = RunConfig(log_every=20)
     table = MappingProxyType({"tiny": lambda: Recipe(config, data, run)})
-    for module in (command, recipes):
+    for module in (training, recipes):
         monkeypatch.setattr(module, "RECIPES", table)
-    monkeypatch.setattr(command, "DEFAULT_RECIPE", "tiny")
+    monkeypatch.setattr(training, "DEFAULT_RECIPE", "tiny")
     monkeypatch.setattr(
         "occjax.training.data.make_source", lambda *_: lambda step, *_: planes(step, count=1)
     )

@@ -1,4 +1,4 @@
-"""``occjax train``: every field of a recipe is an option."""
+"""The command ``train``: every field of a recipe is an option."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Annotated
 
 from tyro.conf import AvoidSubcommands, Positional, arg
 
+from occjax.cli.options import option
 from occjax.errors import InputError
 from occjax.models import PRESETS, OccCasNetConfig, preset
 from occjax.training.config import DataConfig, HostConfig, RunConfig, TrainConfig
@@ -20,7 +21,7 @@ from occjax.training.recipes import RECIPES, Recipe, recipe
 DEFAULT_RECIPE = "proposal"
 
 
-def training_command(arguments: Sequence[str]) -> Callable[..., int]:
+def train_command(arguments: Sequence[str]) -> Callable[..., int]:
     """Return the function of the command ``occjax train``.
 
     The defaults of its options are those of the recipe and the model that the arguments name, so
@@ -37,7 +38,7 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
     """
     defaults = _defaults(arguments)
 
-    def train_command(
+    def command(
         folder: Positional[
             Annotated[
                 Path, arg(help="Training folder; if it contains a checkpoint, training resumes.")
@@ -45,12 +46,7 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
         ],
         recipe: Annotated[str, arg(help=f"Recipe: {', '.join(RECIPES)}.")] = DEFAULT_RECIPE,
         network_preset: Annotated[
-            str | None,
-            arg(
-                help=f"Model instead of the recipe's: {', '.join(PRESETS)}.",
-                metavar="NETWORK",
-                help_behavior_hint="",
-            ),
+            str | None, option(f"Model instead of the recipe's: {', '.join(PRESETS)}.", "NETWORK")
         ] = None,
         config: Annotated[AvoidSubcommands[TrainConfig], arg(name="")] = defaults.train,
         data: AvoidSubcommands[DataConfig] = defaults.data,
@@ -64,11 +60,10 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
         ] = 0,
         initial_weights: Annotated[
             Path | None,
-            arg(
-                help="Initial weights: a file, or a name from 'occjax weights list'. By default "
-                "random weights.",
-                metavar="FILE",
-                help_behavior_hint="",
+            option(
+                "Initial weights: a file, or a name from 'occjax weights list'. By default random "
+                "weights.",
+                "FILE",
             ),
         ] = None,
         overfit_one: Annotated[
@@ -76,11 +71,10 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
         ] = False,
         replay: Annotated[
             int | None,
-            arg(
-                help="Repeat this step, whose loss was not finite and which training stored, and "
-                "print where its numbers stop being finite.",
-                metavar="STEP",
-                help_behavior_hint="",
+            option(
+                "Repeat this step, whose loss was not finite and which training stored, and print "
+                "where its numbers stop being finite.",
+                "STEP",
             ),
         ] = None,
     ) -> int:
@@ -132,7 +126,7 @@ def training_command(arguments: Sequence[str]) -> Callable[..., int]:
             print(f"stopped after step {int(trained.state.step)}; resume with: {again}")
         return 0
 
-    return train_command
+    return command
 
 
 def _defaults(arguments: Sequence[str]) -> Recipe:
