@@ -8,11 +8,10 @@ from tyro.conf import Positional, arg
 
 
 def cache_command(
-    action: Positional[
-        Annotated[
-            Literal["show", "clear"],
-            arg(help="show the folder and size of the compiled programs, or clear (remove) them."),
-        ]
+    action: Annotated[
+        Literal["show", "clear"],
+        Positional,
+        arg(help="show the folder and size of the compiled programs, or clear (remove) them."),
     ] = "show",
 ) -> int:
     """Show or remove the compiled programs that are kept for later runs."""

@@ -34,17 +34,16 @@ NAMES: dict[str, Target] = {"depth": "depth", "disp": "disparity", "normal": "no
 
 
 def convert_command(
-    source: Positional[
-        Annotated[
-            Path,
-            arg(
-                metavar="MAP",
-                help="Map of disparity or depth: .pfm, .npy or .png, or a folder of results.",
-            ),
-        ]
+    source: Annotated[
+        Path,
+        Positional,
+        arg(
+            metavar="MAP",
+            help="Map of disparity or depth: .pfm, .npy or .png, or a folder of results.",
+        ),
     ],
-    target: Positional[
-        Annotated[Path, arg(metavar="FILE", help="File to write; its suffix gives the format.")]
+    target: Annotated[
+        Path, Positional, arg(metavar="FILE", help="File to write; its suffix gives the format.")
     ],
     to: Annotated[
         Target | None,
@@ -76,18 +75,12 @@ def convert_command(
         Path | None,
         option("Light field whose camera, and centre view for the colours, are used.", "SCENE"),
     ] = None,
-    picture: FlagCreatePairsOff[
-        Annotated[
-            bool,
-            arg(
-                help="Write a .png in colours for viewing; values cannot be recovered from it.",
-                help_behavior_hint="",
-            ),
-        ]
+    picture: Annotated[
+        bool,
+        FlagCreatePairsOff,
+        option("Write a .png in colours for viewing; values cannot be recovered from it."),
     ] = False,
-    overwrite: FlagCreatePairsOff[
-        Annotated[bool, arg(help="Replace FILE if it exists.", help_behavior_hint="")]
-    ] = False,
+    overwrite: Annotated[bool, FlagCreatePairsOff, option("Replace FILE if it exists.")] = False,
     scale: Annotated[
         float | None,
         option("Scale of a .png of another program: value = scale * code + offset.", "S"),

@@ -17,16 +17,14 @@ from occjax.results.groups import DEFAULT_GROUPS, GROUPS
 
 
 def estimate_command(
-    scenes: Positional[
-        Annotated[
-            tuple[Path, ...],
-            arg(
-                metavar="SCENE...",
-                help="Folders of views, images of all views, array files; folders of these; or "
-                "patterns in quotes, such as 'hci/*'.",
-                help_behavior_hint="",
-            ),
-        ]
+    scenes: Annotated[
+        tuple[Path, ...],
+        Positional,
+        option(
+            "Folders of views, images of all views, array files; folders of these; or patterns in "
+            "quotes, such as 'hci/*'.",
+            "SCENE...",
+        ),
     ],
     output: Annotated[
         Path, arg(aliases=["-o"], metavar="FOLDER", help="Results are written to FOLDER/<scene>/.")
@@ -86,15 +84,13 @@ def estimate_command(
             "FLOAT",
         ),
     ] = None,
-    report: FlagCreatePairsOff[
-        Annotated[
-            bool,
-            arg(
-                help="Also write the occlusion maps, and FOLDER/report.html, a page on all scenes "
-                "(extra report).",
-                help_behavior_hint="",
-            ),
-        ]
+    report: Annotated[
+        bool,
+        FlagCreatePairsOff,
+        option(
+            "Also write the occlusion maps, and FOLDER/report.html, a page on all scenes (extra "
+            "report)."
+        ),
     ] = False,
     scenes_from: Annotated[
         Path | None, option("Text file with one more scene or pattern on each line.", "FILE")
@@ -164,7 +160,7 @@ def demo_command(
         Path, arg(aliases=["-o"], metavar="FOLDER", help="Folder of the results.")
     ] = Path("occjax-demo"),
     view: Annotated[
-        FlagCreatePairsOff[bool], arg(help="Then open the viewer (extra view).")
+        bool, FlagCreatePairsOff, arg(help="Then open the viewer (extra view).")
     ] = False,
 ) -> int:
     """Estimate the bundled sample light field and compare it with its ground truth."""

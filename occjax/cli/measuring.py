@@ -16,17 +16,16 @@ from occjax.layout.orientation import declared_orientation
 
 
 def evaluate_command(
-    estimate: Positional[
-        Annotated[Path, arg(help="Disparity map (PFM, NPY or PNG) or folder of results.")]
+    estimate: Annotated[
+        Path, Positional, arg(help="Disparity map (PFM, NPY or PNG) or folder of results.")
     ],
-    ground_truth: Positional[
-        Annotated[
-            Path,
-            arg(
-                help="True disparity (PFM, NPY or PNG) or folder of the scene (with "
-                "gt_disp_lowres.pfm). A scene folder may also be the first argument."
-            ),
-        ]
+    ground_truth: Annotated[
+        Path,
+        Positional,
+        arg(
+            help="True disparity (PFM, NPY or PNG) or folder of the scene (with "
+            "gt_disp_lowres.pfm). A scene folder may also be the first argument."
+        ),
     ],
     metrics: Annotated[
         str | None,
@@ -97,8 +96,8 @@ def _names(metrics: str) -> tuple[str, ...] | None:
 
 
 def check_command(
-    path: Positional[
-        Annotated[Path, arg(help="Folder of views, image of all views, or array file.")]
+    path: Annotated[
+        Path, Positional, arg(help="Folder of views, image of all views, or array file.")
     ],
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:

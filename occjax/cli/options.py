@@ -15,8 +15,8 @@ from occjax.io.layouts import Layout
 from occjax.lightfield import Calibration, LightField
 
 
-def option(help: str, metavar: str, *aliases: str) -> Any:
-    """Describe an optional argument; its default ``None`` is not shown."""
+def option(help: str, metavar: str | None = None, *aliases: str) -> Any:
+    """Describe an argument, without the note on its default that tyro would add."""
     return arg(help=help, metavar=metavar, aliases=aliases, help_behavior_hint="")
 
 

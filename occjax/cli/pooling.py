@@ -11,8 +11,8 @@ from occjax.data.procedural import TEXTURED, SceneConfig
 
 
 def pool_command(
-    folder: Positional[
-        Annotated[Path, arg(metavar="FOLDER", help="The pool; an existing pool is enlarged.")]
+    folder: Annotated[
+        Path, Positional, arg(metavar="FOLDER", help="The pool; an existing pool is enlarged.")
     ],
     count: Annotated[int, arg(help="Number of light fields that the pool should have.")] = 2000,
     seed: Annotated[int, arg(help="Seed of the light fields.")] = 0,

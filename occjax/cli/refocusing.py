@@ -16,15 +16,8 @@ if TYPE_CHECKING:
     from occjax.lightfield import LightField
     from occjax.viz.refocusing import Refocuser
 
-Scene = Positional[
-    Annotated[
-        Path,
-        arg(
-            metavar="SCENE",
-            help="Folder of views, image of all views, or array file.",
-            help_behavior_hint="",
-        ),
-    ]
+Scene = Annotated[
+    Path, Positional, option("Folder of views, image of all views, or array file.", "SCENE")
 ]
 Rate = Annotated[float, arg(metavar="RATE", help="Frames per second of a video.")]
 
@@ -55,14 +48,10 @@ def refocus_command(
         numbers(float, float, int, meaning="two disparities and a whole number of frames"),
         option("Move the focus from disparity LOW to HIGH in N frames.", "LOW HIGH N"),
     ] = None,
-    all_in_focus: FlagCreatePairsOff[
-        Annotated[
-            bool,
-            arg(
-                help="Make everything sharp: the centre view with less noise, by disparity.",
-                help_behavior_hint="",
-            ),
-        ]
+    all_in_focus: Annotated[
+        bool,
+        FlagCreatePairsOff,
+        option("Make everything sharp: the centre view with less noise, by disparity."),
     ] = False,
     aperture: Annotated[
         float | None,

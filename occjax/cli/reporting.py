@@ -7,19 +7,15 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from occjax.cli.options import option
 from occjax.errors import InputError
 
 
 def report_command(
-    results: Positional[
-        Annotated[
-            tuple[Path, ...],
-            arg(
-                metavar="RESULT_FOLDER...",
-                help="Folders of results, each of one scene or of several scenes.",
-                help_behavior_hint="",
-            ),
-        ]
+    results: Annotated[
+        tuple[Path, ...],
+        Positional,
+        option("Folders of results, each of one scene or of several scenes.", "RESULT_FOLDER..."),
     ],
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE", help="Page to write.")] = Path(
         "report.html"

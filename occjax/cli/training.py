@@ -39,10 +39,10 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
     defaults = _defaults(arguments)
 
     def command(
-        folder: Positional[
-            Annotated[
-                Path, arg(help="Training folder; if it contains a checkpoint, training resumes.")
-            ]
+        folder: Annotated[
+            Path,
+            Positional,
+            arg(help="Training folder; if it contains a checkpoint, training resumes."),
         ],
         recipe: Annotated[str, arg(help=f"Recipe: {', '.join(RECIPES)}.")] = DEFAULT_RECIPE,
         network_preset: Annotated[

@@ -14,15 +14,12 @@ from occjax.errors import InputError
 
 
 def view_command(
-    results: Positional[
-        Annotated[
-            tuple[Path, ...],
-            arg(
-                metavar="RESULTS...",
-                help="Folders that occjax estimate wrote, or disparity maps, of one scene.",
-                help_behavior_hint="",
-            ),
-        ]
+    results: Annotated[
+        tuple[Path, ...],
+        Positional,
+        option(
+            "Folders that occjax estimate wrote, or disparity maps, of one scene.", "RESULTS..."
+        ),
     ],
     scene: Annotated[
         Path | None,
@@ -43,7 +40,7 @@ def view_command(
         ),
     ] = "127.0.0.1",
     no_open: Annotated[
-        FlagCreatePairsOff[bool], arg(help="Print the address only; open no browser.")
+        bool, FlagCreatePairsOff, arg(help="Print the address only; open no browser.")
     ] = False,
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:

@@ -12,15 +12,14 @@ from occjax.models.registry import PRESETS
 
 
 def weights_command(
-    action: Positional[
-        Annotated[
-            Literal["list", "fetch"],
-            arg(
-                help="list the weights in the package, the default first, and all models; or "
-                "fetch (download) the published OccCasNet weights, which have no licence: for your "
-                "own use only.",
-            ),
-        ]
+    action: Annotated[
+        Literal["list", "fetch"],
+        Positional,
+        arg(
+            help="list the weights in the package, the default first, and all models; or fetch "
+            "(download) the published OccCasNet weights, which have no licence: for your own use "
+            "only.",
+        ),
     ],
 ) -> int:
     """List the weights in the package, or download the published ones."""
