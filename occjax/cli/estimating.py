@@ -144,7 +144,7 @@ def estimate_command(
         options = dataclasses.replace(options, save=(*options.save, "occlusion"))
     run = RunOptions(overwrite, share or (0, 1), fps if video else None, view, all_views)
     if video:
-        check_video(output / "disparity.mp4")
+        check_video(output / "disparity.mp4", fps)
         if "maps" not in options.save:
             raise InputError("a video is made of the maps; add maps to --save")
     estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)

@@ -133,10 +133,9 @@ def sweep_command(
 
     $ occjax sweep SCENE -o parallax.webp
     """
-    from occjax.io.video import check_rate, check_video, write_video
+    from occjax.io.video import check_video, write_video
 
-    check_rate(fps)
-    check_video(output)
+    check_video(output, fps)
     refocuser = _refocuser(scene, view_order)
     count = write_video(output, refocuser.sweep(path), frames_per_second=fps)
     print(f"{output}: {count} views")
@@ -154,13 +153,12 @@ def _focus_sweep(
     """Write the video of ``refocus --sweep``."""
     import numpy as np
 
-    from occjax.io.video import check_rate, check_video, write_video
+    from occjax.io.video import check_video, write_video
 
     low, high, count = sweep
     if count < 2:
         raise InputError(f"--sweep has {count} frames; pass at least 2")
-    check_rate(fps)
-    check_video(output)
+    check_video(output, fps)
     refocuser = _refocuser(scene, view_order)
     frames = (refocuser.image(d, aperture=aperture) for d in np.linspace(low, high, count))
     write_video(output, frames, frames_per_second=fps)

@@ -65,7 +65,7 @@ class RunOptions:
     all_views: bool = False
 
     def __post_init__(self) -> None:
-        """Check the share and the rate."""
+        """Check the share and the views."""
         if self.view is not None and self.all_views:
             raise InputError("pass --view or --all-views, not both")
         index, count = self.share
@@ -74,10 +74,6 @@ class RunOptions:
                 f"the share is {index} {count}; pass the number of this process, from 0 to "
                 f"{max(count, 1) - 1}, and the number of processes"
             )
-        if self.frames_per_second is not None:
-            from occjax.io.video import check_rate
-
-            check_rate(self.frames_per_second)
 
 
 class ReadScene(NamedTuple):

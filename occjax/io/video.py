@@ -19,18 +19,24 @@ VIDEO_SUFFIXES = (".mp4", ".webp", ".gif")
 """Suffixes of video files, in lower case; ``.mp4`` needs the extra ``video``."""
 
 
-def check_video(path: Path) -> None:
-    """Verify that a video of this name can be encoded, before its frames are computed.
+def check_video(path: Path, frames_per_second: float) -> None:
+    """Verify that a video can be encoded, before its frames are computed.
 
     Args:
         path: File to write.
+        frames_per_second: Rate of display.
 
     Raises:
-        InputError: If the suffix is not one of :data:`VIDEO_SUFFIXES`, or the extra is missing.
+        InputError: If the suffix is not one of :data:`VIDEO_SUFFIXES`, the extra is missing, or the
+            rate is not above 0 and at most 1000.
 
     Example:
-        >>> check_video(Path("sweep.webp"))
+        >>> check_video(Path("sweep.webp"), 29.97)
     """
+    if not 0.0 < frames_per_second <= 1000.0:
+        raise InputError(
+            f"the rate is {frames_per_second:g} frames/s; pass more than 0, up to 1000"
+        )
     suffix = path.suffix.lower()
     if suffix not in VIDEO_SUFFIXES:
         raise InputError(
@@ -41,24 +47,6 @@ def check_video(path: Path) -> None:
         raise InputError(
             f"{path}: an .mp4 needs imageio-ffmpeg; run pip install 'occjax[video]', or write a "
             ".webp"
-        )
-
-
-def check_rate(frames_per_second: float) -> None:
-    """Verify the rate of a video.
-
-    Args:
-        frames_per_second: Rate of display.
-
-    Raises:
-        InputError: If it is not above 0 and at most 1000.
-
-    Example:
-        >>> check_rate(29.97)
-    """
-    if not 0.0 < frames_per_second <= 1000.0:
-        raise InputError(
-            f"the rate is {frames_per_second:g} frames/s; pass more than 0, up to 1000"
         )
 
 
@@ -77,8 +65,7 @@ def write_video(
         The number of frames.
 
     Raises:
-        InputError: If suffix or rate are others, the extra ``video`` is missing, there is no frame,
-            or the file cannot be written.
+        InputError: As :func:`check_video`, and if there is no frame or the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -90,8 +77,7 @@ def write_video(
         2
     """
     path = Path(path)
-    check_video(path)
-    check_rate(frames_per_second)
+    check_video(path, frames_per_second)
     counted, count = iter(frames), 0
     first = next(counted, None)
     if first is None:
