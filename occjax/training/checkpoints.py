@@ -8,8 +8,8 @@ import logging
 import math
 import os
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -150,8 +150,7 @@ class Checkpoints:
                 os.replace(self.folder / str(step), free)
 
 
-@contextmanager
-def writing_checkpoint(folder: Path) -> Iterator[None]:
+def writing_checkpoint(folder: Path) -> AbstractContextManager[None]:
     """Turn any failure to write into an :class:`InputError`.
 
     Orbax and TensorStore report a full disk by various exceptions.
@@ -159,29 +158,16 @@ def writing_checkpoint(folder: Path) -> Iterator[None]:
     Args:
         folder: Folder of what is written.
     """
-    try:
-        with _logged_once(folder):
-            yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise CannotWriteError(folder, _reason(error)) from error
+    return _failures_as(CannotWriteError, folder)
 
 
-@contextmanager
-def decoding_checkpoint(path: Path) -> Iterator[None]:
+def decoding_checkpoint(path: Path) -> AbstractContextManager[None]:
     """Turn any failure to read into an :class:`InputError`.
 
     Args:
         path: Folder of what is read.
     """
-    try:
-        with _logged_once(path):
-            yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise _damaged(path, _reason(error)) from error
+    return _failures_as(_damaged, path)
 
 
 def _damaged(path: Path, reason: str) -> InputError:
@@ -204,11 +190,11 @@ class _Repeated(logging.Filter):
 
 
 @contextmanager
-def _logged_once(folder: Path) -> Iterator[None]:
-    """Keep Orbax from logging each of its threads' errors, hundreds of lines for a full disk.
+def _failures_as(error_of: Callable[[Path, str], InputError], folder: Path) -> Iterator[None]:
+    """Raise failures as another error, and keep Orbax from logging that of each of its threads.
 
-    After a failure, errors about the folder are dropped until the end of the process: asyncio logs
-    those of tasks when it removes them.
+    These are hundreds of lines for a full disk. After a failure, errors about the folder are
+    dropped until the end of the process: asyncio logs those of tasks when it removes them.
     """
     loggers = [logging.getLogger(name) for name in ("absl", "asyncio")]
     repeated = _Repeated(folder)
@@ -218,6 +204,10 @@ def _logged_once(folder: Path) -> Iterator[None]:
         yield
         for logger in loggers:
             logger.removeFilter(repeated)
+    except InputError:
+        raise
+    except Exception as error:
+        raise error_of(folder, _reason(error)) from error
     finally:
         repeated.active = False
 
