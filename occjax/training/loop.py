@@ -158,7 +158,7 @@ def train(
         batches_from = partial(prefetch, source, start, config.steps, ahead=run.prefetch)
         with (
             Log(folder, first_step=start, writes=is_first_process()) as log,
-            _interruption() as interruption,
+            _requests_to_stop() as requests,
             closing(batches_from(rows=rows, place=placement.place_batch)) as batches,
             tqdm(
                 total=config.steps,
@@ -179,8 +179,7 @@ def train(
                 done = step + 1
                 meter.add(metrics)
                 stopping, late = votes(
-                    interruption.number is not None or time.monotonic() >= deadline,
-                    keeper.is_late(),
+                    bool(requests) or time.monotonic() >= deadline, keeper.is_late()
                 )
                 last = done == config.steps
                 keeping = last or stopping or late or keeper.is_due(done)
@@ -195,7 +194,7 @@ def train(
                     break
             if steps.refused:
                 say(f"{folder}: {steps.refused} steps were skipped, see {folder / NONFINITE}")
-            if interruption.number == signal.SIGINT:
+            if signal.SIGINT in requests:
                 say(f"{folder}: interrupted after step {int(state.step)}; start again to resume")
                 raise KeyboardInterrupt
     return Trained(state, int(state.step) >= config.steps, folder / WEIGHTS_FILE)
@@ -423,32 +422,22 @@ class _Meter:
         self.restart()
 
 
-class _Interruption:
-    """A signal that asks this process to stop.
-
-    Attributes:
-        number: Number of the first such signal; None if there was none.
-    """
-
-    number: int | None = None
-
-
 @contextmanager
-def _interruption() -> Iterator[_Interruption]:
-    """Note SIGINT and SIGTERM; a second signal interrupts at once."""
-    interruption = _Interruption()
+def _requests_to_stop() -> Iterator[list[int]]:
+    """Yield the list of SIGINT or SIGTERM, empty until one comes; a second one interrupts."""
+    received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
-        yield interruption
+        yield received
         return
 
     def note(number, frame):
-        if interruption.number is not None:
+        if received:
             raise KeyboardInterrupt
-        interruption.number = number
+        received.append(number)
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield interruption
+        yield received
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
