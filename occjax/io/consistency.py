@@ -16,16 +16,15 @@ from occjax.lightfield import LightField, centre_index, project, to_grey
 from occjax.programs import kept
 
 
-def most_consistent(candidates: Sequence[np.ndarray], config: ViewOrderConfig | None = None) -> int:
+def most_consistent(candidates: Sequence[np.ndarray]) -> int:
     """Return which of several readings of the same views is the most consistent one.
 
     Args:
         candidates: Views ``[V, U, H, W, C]`` in each reading.
-        config: Settings of the comparison; None for the default.
 
     Returns:
         Index of the best reading; 0 unless another one is better by the factor
-        ``clearly_worse_ratio``.
+        ``clearly_worse_ratio`` of the default settings.
 
     Example:
         >>> wall = np.random.default_rng(0).random((60, 60, 1), np.float32)
@@ -33,7 +32,7 @@ def most_consistent(candidates: Sequence[np.ndarray], config: ViewOrderConfig | 
         >>> most_consistent([views[None], views.reshape(3, 3, 60, 60, 1)])
         1
     """
-    config = config or ViewOrderConfig()
+    config = ViewOrderConfig()
     scores = [min(view_order_scores(LightField(views), config).values()) for views in candidates]
     best = int(np.argmin(scores))
     return best if scores[0] > config.clearly_worse_ratio * scores[best] else 0
