@@ -53,9 +53,7 @@ DESCRIPTION = "pool.json"
 """File that describes the light fields of a pool."""
 
 
-def render_pool(
-    folder: str | Path, count: int, config: SceneConfig, seed: int, *, progress: bool = True
-) -> None:
+def render_pool(folder: str | Path, count: int, config: SceneConfig, seed: int) -> None:
     """Render the light fields that a pool lacks, up to ``count``.
 
     Args:
@@ -63,7 +61,6 @@ def render_pool(
         count: Number of light fields that the pool has afterwards, at least.
         config: The distribution of scenes.
         seed: Seed of the light fields.
-        progress: Whether to show a progress bar.
 
     Raises:
         InputError: If the folder contains other files or a pool of other settings, or if it cannot
@@ -80,15 +77,12 @@ def render_pool(
     folder = Path(folder)
     if count < 1:
         raise InputError(f"{folder}: a pool of {count} light fields; it must have at least 1")
-    description = {
-        "version": occjax.__version__,
-        "seed": seed,
-        "scenes": dataclasses.asdict(config),
-    }
+    scenes = dataclasses.asdict(config)
+    description = {"version": occjax.__version__, "seed": seed, "scenes": scenes}
     open_run_folder(folder, DESCRIPTION, description, contents="a pool")
     missing = [number for number in range(count) if not light_field_file(folder, number).exists()]
     root = jax.random.key(seed)
-    for number in tqdm(missing, desc=folder.name, unit="light field", disable=not progress):
+    for number in tqdm(missing, desc=folder.name, unit="light field"):
         sample = generate(jax.random.fold_in(root, number), config)
         write_sample(light_field_file(folder, number), sample)
 

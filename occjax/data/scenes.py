@@ -84,19 +84,13 @@ class Scene:
         return checksum
 
 
-def load_scenes(
-    folders: str | Path | Sequence[str | Path],
-    *,
-    views: ViewSelection = "all",
-    progress: bool = True,
-) -> list[Scene]:
+def load_scenes(folders: Sequence[str | Path], *, views: ViewSelection = "all") -> list[Scene]:
     """Read scenes with ground truth, as :func:`occjax.load` reads light fields.
 
     Args:
         folders: Folders of scenes (views, ``gt_disp_lowres.pfm`` and optionally ``mask.png``), or
             folders that contain such folders.
         views: The views to keep.
-        progress: Whether to show a progress bar.
 
     Returns:
         The scenes, ordered by path.
@@ -104,12 +98,9 @@ def load_scenes(
     Raises:
         InputError: If there is no scene, or if a scene cannot be read or has no ground truth.
     """
-    given = [folders] if isinstance(folders, str | Path) else list(folders)
-    found = [scene for folder in given for scene in _find_scenes(Path(folder))]
-    return [
-        _read_scene(folder, views)
-        for folder in tqdm(found, desc="scenes", unit="scene", disable=not progress or None)
-    ]
+    found = [scene for folder in folders for scene in _find_scenes(Path(folder))]
+    bar = tqdm(found, desc="scenes", unit="scene", disable=None)
+    return [_read_scene(folder, views) for folder in bar]
 
 
 def _find_scenes(folder: Path) -> list[Path]:

@@ -42,7 +42,7 @@ def numbered_scene(number=0, size=(20, 22), offsets=None):
 
 def test_a_folder_is_read_in_eight_bits_with_its_ground_truth(tmp_path):
     images = write_scene(tmp_path / "one", truth=0.75)
-    (scene,) = load_scenes(tmp_path / "one", progress=False)
+    (scene,) = load_scenes([tmp_path / "one"])
     assert scene.views.dtype == np.uint8
     np.testing.assert_array_equal(scene.views, images)
     np.testing.assert_array_equal(scene.disparity, 0.75)
@@ -56,14 +56,14 @@ def test_scenes_are_found_in_a_folder_of_folders_in_order(tmp_path):
     for name in ("b", "a", "c"):
         write_scene(tmp_path / name)
     (tmp_path / "notes").mkdir()
-    assert [scene.name for scene in load_scenes(tmp_path, progress=False)] == ["a", "b", "c"]
-    both = load_scenes([tmp_path / "c", str(tmp_path / "a")], progress=False)
+    assert [scene.name for scene in load_scenes([tmp_path])] == ["a", "b", "c"]
+    both = load_scenes([tmp_path / "c", str(tmp_path / "a")])
     assert [scene.name for scene in both] == ["c", "a"]
 
 
 def test_selected_views_keep_their_offsets(tmp_path):
     images = write_scene(tmp_path / "one", views=5)
-    (scene,) = load_scenes(tmp_path / "one", views="star", progress=False)
+    (scene,) = load_scenes([tmp_path / "one"], views="star")
     np.testing.assert_array_equal(scene.offsets, star(5))
     for place, offset in enumerate(star(5)[0].astype(int)):
         np.testing.assert_array_equal(scene.views[0, place], images[tuple(offset + 2)])
@@ -76,7 +76,7 @@ def test_masked_and_infinite_ground_truth_is_not_valid(tmp_path):
     truth = np.full(SIZE, 0.5, np.float32)
     truth[7, 2] = np.inf
     write_pfm(tmp_path / "one" / "gt_disp_lowres.pfm", truth)
-    (scene,) = load_scenes(tmp_path / "one", progress=False)
+    (scene,) = load_scenes([tmp_path / "one"])
     assert scene.masked
     expected = np.ones(SIZE, bool)
     expected[3, 5] = expected[7, 2] = False
@@ -86,12 +86,12 @@ def test_masked_and_infinite_ground_truth_is_not_valid(tmp_path):
 
 def test_folders_without_usable_scenes_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        load_scenes(tmp_path / "nowhere", progress=False)
+        load_scenes([tmp_path / "nowhere"])
     with pytest.raises(InputError, match="gt_disp_lowres"):
-        load_scenes(tmp_path, progress=False)
+        load_scenes([tmp_path])
     write_scene(tmp_path / "one", mask=np.zeros((4, 4), np.uint8))
     with pytest.raises(InputError, match=r"mask\.png: is \[4, 4\]"):
-        load_scenes(tmp_path, progress=False)
+        load_scenes([tmp_path])
 
 
 def test_grey_is_the_weighted_mean_of_the_colours():
@@ -170,7 +170,7 @@ def test_impossible_sources_are_refused():
 
 
 def test_patches_of_a_rendered_scene_agree_best_with_its_ground_truth(shared):
-    (scene,) = load_scenes(shared / "data" / "rendered" / "s013", views="star", progress=False)
+    (scene,) = load_scenes([shared / "data" / "rendered" / "s013"], views="star")
     config = AugmentationConfig(crop=(64, 64), noise=0.0)
     batch = folder_source([scene], 4, seed=0, augmentation=config, threads=0)(0)
     differences = {0.0: [], 1.0: [], -1.0: []}

@@ -50,19 +50,19 @@ def test_a_sample_is_read_as_it_was_written_except_for_rounding_to_8_bits(tmp_pa
 
 
 def test_light_fields_are_numbered_by_the_seed(tmp_path):
-    render_pool(tmp_path / "pool", 3, CONFIG, 3, progress=False)
+    render_pool(tmp_path / "pool", 3, CONFIG, 3)
     batch = pool_source(tmp_path / "pool", 3, seed=0)(0)
     found = {round(float(disparity[0, 0]), 5) for disparity in batch.disparity}
     assert found == {round(float(expected(number).disparity[0, 0]), 5) for number in range(3)}
 
 
 def test_only_missing_light_fields_are_rendered(tmp_path):
-    render_pool(tmp_path, 4, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 4, CONFIG, 3)
     (tmp_path / "000001.npz").unlink()
     assert len(light_field_files(tmp_path)) == 1
     kept = (tmp_path / "000002.npz").stat().st_mtime_ns
     RENDERED.clear()
-    render_pool(tmp_path, 6, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 6, CONFIG, 3)
     assert len(RENDERED) == 3
     assert (tmp_path / "000002.npz").stat().st_mtime_ns == kept
     assert len(light_field_files(tmp_path)) == 6
@@ -82,16 +82,16 @@ def test_only_missing_light_fields_are_rendered(tmp_path):
 def test_a_pool_of_other_settings_is_refused_and_the_difference_named(
     tmp_path, field, value, named
 ):
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 1, CONFIG, 3)
     description = json.loads((tmp_path / "pool.json").read_text())
     (tmp_path / "pool.json").write_text(json.dumps({**description, field: value}))
     with pytest.raises(InputError, match=named):
-        render_pool(tmp_path, 2, CONFIG, 3, progress=False)
+        render_pool(tmp_path, 2, CONFIG, 3)
     assert len(light_field_files(tmp_path)) == 1
 
 
 def test_each_light_field_is_used_once_before_any_is_used_again(tmp_path):
-    render_pool(tmp_path, 5, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 5, CONFIG, 3)
     source = pool_source(tmp_path, 3, seed=1)
     drawn = [float(d[0, 0]) for step in range(5) for d in source(step).disparity]
     rounds = [drawn[start : start + 5] for start in range(0, 15, 5)]
@@ -100,7 +100,7 @@ def test_each_light_field_is_used_once_before_any_is_used_again(tmp_path):
 
 
 def test_the_batch_of_a_step_does_not_depend_on_earlier_requests(tmp_path):
-    render_pool(tmp_path, 5, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 5, CONFIG, 3)
     config = AugmentationConfig(crop=(4, 4))
     source = pool_source(tmp_path, 2, seed=1, augmentation=config)
     batches = [source(step) for step in range(4)]
@@ -115,14 +115,14 @@ def test_the_batch_of_a_step_does_not_depend_on_earlier_requests(tmp_path):
 
 
 def test_views_of_a_pool_can_be_selected(tmp_path):
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 1, CONFIG, 3)
     batch = pool_source(tmp_path, 4, seed=0, views="cross")(0)
     assert batch.views.shape == (4, 1, 5, 5, 11)
     np.testing.assert_array_equal(batch.disparity, np.stack([expected(0).disparity] * 4))
 
 
 def test_a_light_field_drawn_twice_is_varied_differently(tmp_path):
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 1, CONFIG, 3)
     batch = pool_source(tmp_path, 2, seed=1, augmentation=AugmentationConfig(turns=False))(0)
     assert not np.allclose(batch.views[0], batch.views[1])
 
@@ -132,24 +132,24 @@ def test_folders_that_are_no_pool_are_refused(tmp_path):
         pool_source(tmp_path, 2, seed=0)
     np.savez(tmp_path / "results.npz", views=np.zeros(3))
     with pytest.raises(InputError, match="choose another folder"):
-        render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+        render_pool(tmp_path, 1, CONFIG, 3)
     (tmp_path / "pool.json").write_text("{")
     with pytest.raises(InputError, match=r"pool\.json: cannot be decoded"):
-        render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+        render_pool(tmp_path, 1, CONFIG, 3)
     with pytest.raises(InputError, match="is an empty pool"):
         pool_source(tmp_path, 2, seed=0)
 
 
 def test_empty_pools_and_batches_are_refused(tmp_path):
     with pytest.raises(InputError, match="at least 1"):
-        render_pool(tmp_path, 0, CONFIG, 3, progress=False)
+        render_pool(tmp_path, 0, CONFIG, 3)
     with pytest.raises(InputError, match="batch_size"):
         pool_source(tmp_path, 0, seed=0)
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a zip file", None])
 def test_a_damaged_file_is_named(tmp_path, damage):
-    render_pool(tmp_path, 1, CONFIG, 3, progress=False)
+    render_pool(tmp_path, 1, CONFIG, 3)
     path = tmp_path / "000000.npz"
     path.write_bytes(path.read_bytes()[:700] if damage is None else damage)
     with pytest.raises(InputError, match=r"000000\.npz: cannot be decoded"):

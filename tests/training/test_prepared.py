@@ -42,7 +42,7 @@ SCENES = SceneConfig(image_size=(32, 32), grid=(3, 3), sheets=2, solids=1, rays=
 def pool(tmp_path_factory):
     """Render a pool of three light fields."""
     folder = tmp_path_factory.mktemp("pools") / "pool"
-    render_pool(folder, 3, SCENES, seed=0, progress=False)
+    render_pool(folder, 3, SCENES, seed=0)
     return folder
 
 
@@ -132,7 +132,7 @@ def test_only_settings_that_proposals_depend_on_must_be_the_same(pool, tmp_path)
 
 def test_several_pools_are_used_like_one(pool, tmp_path):
     other = tmp_path / "other"
-    render_pool(other, 2, SCENES, seed=1, progress=False)
+    render_pool(other, 2, SCENES, seed=1)
     options = {"batch_size": 5, "seed": 0, "augmentation": replace(AUGMENTATION, crop=(32, 32))}
     batch = prepared_source([pool, other], tmp_path / "kept", NETWORK, **options)(0)
     means = sorted(float(disparity.mean()) for disparity in batch.disparity)
