@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -123,25 +124,27 @@ def estimate_scenes(
     rate = run.frames_per_second
     is_video = rate is not None
     names = _frame_names(scenes) if is_video else folder_names(scenes)
-    settings = _Settings(
-        estimator_settings(
-            estimator,
-            {
-                **dataclasses.asdict(view_order),
-                **dataclasses.asdict(camera),
-                **dataclasses.asdict(options),
-                "save": sorted(options.save),
-                "disparity_range": disparity_range,
-                "view": run.view,
-                "all_views": run.all_views,
-            },
-        ),
-        nested="/" in (view_order.pattern or ""),
-        first_frame=scenes[0] if is_video else None,
+    common = estimator_settings(
+        estimator,
+        {
+            **dataclasses.asdict(view_order),
+            **dataclasses.asdict(camera),
+            **dataclasses.asdict(options),
+            "save": sorted(options.save),
+            "disparity_range": disparity_range,
+            "view": run.view,
+            "all_views": run.all_views,
+        },
     )
+    files = partial(files_sha256, nested="/" in (view_order.pattern or ""))
+    if is_video:  # The first frame decides the disparity range of all frames.
+        common["first_frame_sha256"] = files(scenes[0])
+
+    def settings(scene: Path) -> dict[str, Any]:
+        return {**common, "files_sha256": files(scene)}
 
     def completed(scene: Path) -> dict[str, Any] | None:
-        return complete_summary(folder / names[scene], settings.of(scene))
+        return complete_summary(folder / names[scene], settings(scene))
 
     def collected() -> list[Row]:
         elsewhere = stored_failures(folder)
@@ -173,7 +176,8 @@ def estimate_scenes(
             disparity_range,
             options,
             settings,
-            run,
+            run.view,
+            run.all_views,
             only_scene=len(names) == 1,
         )
         failed = pipelines.run()
@@ -190,50 +194,32 @@ def estimate_scenes(
     return 1 if failed else 0
 
 
-class _Settings:
-    """What the results of each scene are made from."""
-
-    def __init__(
-        self, common: dict[str, Any], *, nested: bool, first_frame: Path | None = None
-    ) -> None:
-        self._common, self._nested = common, nested
-        if first_frame is not None:  # It decides the disparity range of all frames.
-            common["first_frame_sha256"] = files_sha256(first_frame, nested=nested)
-
-    def of(self, scene: Path) -> dict[str, Any]:
-        """Return the settings of a scene."""
-        return {**self._common, "files_sha256": files_sha256(scene, nested=self._nested)}
-
-
+@dataclasses.dataclass
 class _Pipelines:
     """Threads that read, estimate and write scenes, three for each device."""
 
-    def __init__(
-        self,
-        names: dict[Path, str],
-        folder: Path,
-        estimator: Estimator,
-        reader: Callable[[Path], LightField],
-        camera: CameraOptions,
-        disparity_range: DisparityRange | None,
-        options: OutputOptions,
-        settings: _Settings,
-        run: RunOptions,
-        *,
-        only_scene: bool,
-    ) -> None:
-        self._names, self._folder, self._estimator = names, folder, estimator
-        self._reader, self._camera, self._disparity_range = reader, camera, disparity_range
-        self._options, self._settings, self._only_scene = options, settings, only_scene
-        self._view, self._all_views = run.view, run.all_views
-        self._remaining, self._lock = iter(names), threading.Lock()
+    names: dict[Path, str]
+    folder: Path
+    estimator: Estimator
+    reader: Callable[[Path], LightField]
+    camera: CameraOptions
+    disparity_range: DisparityRange | None
+    options: OutputOptions
+    settings: Callable[[Path], dict[str, Any]]
+    view: tuple[int, int] | None
+    all_views: bool
+    only_scene: bool
+
+    def __post_init__(self) -> None:
+        """Make what the threads share."""
+        self._remaining, self._lock = iter(self.names), threading.Lock()
         self._stopped = threading.Event()
         self._cannot_write: CannotWriteError | None = None
         self._failed: dict[Path, str] = {}
         self._written = 0
         self._writing: dict[jax.Device, Future[None]] = {}
         self._progress = tqdm(
-            total=len(names), unit="scene", disable=only_scene or None, leave=False
+            total=len(self.names), unit="scene", disable=self.only_scene or None, leave=False
         )
 
     def run(self) -> dict[Path, str]:
@@ -245,7 +231,7 @@ class _Pipelines:
         Raises:
             InputError: If results cannot be written, or the only scene fails.
         """
-        devices = jax.local_devices()[: len(self._names)]
+        devices = jax.local_devices()[: len(self.names)]
         threads = ThreadPoolExecutor(len(devices))
         # The first scenes are given out here: a device that reads ahead would take another's.
         first = [next(self._remaining) for _ in devices]
@@ -261,14 +247,14 @@ class _Pipelines:
             threads.shutdown()
             self._progress.close()
         if self._cannot_write is not None:
-            error, total = self._cannot_write, len(self._names)
-            if self._only_scene:
+            error, total = self._cannot_write, len(self.names)
+            if self.only_scene:
                 raise error
             raise InputError(
                 f"{error.path}: cannot be written ({error.reason}); stopped after {self._written} "
                 f"of {total} scenes; free space or choose another place, then run the command again"
             ) from error
-        return {scene: self._failed[scene] for scene in self._names if scene in self._failed}
+        return {scene: self._failed[scene] for scene in self.names if scene in self._failed}
 
     def _run_on(self, device: jax.Device, first: Path) -> None:
         """Estimate one scene after the other on a device, until none remains."""
@@ -288,7 +274,7 @@ class _Pipelines:
             following = first, reading_thread.submit(read, first)
             while following is not None and not self._stopped.is_set():
                 scene, reading = following
-                report_phase = phase_reporter(self._progress, self._names[scene])
+                report_phase = phase_reporter(self._progress, self.names[scene])
                 result: tuple[Estimate, LightField, dict[str, Any]] | Exception
                 try:
                     report_phase("reading")
@@ -300,13 +286,13 @@ class _Pipelines:
                         print_warning(message)
                     with jax.default_device(device):
                         estimate = run_estimator(
-                            self._estimator,
+                            self.estimator,
                             light_field,
-                            disparity_range=self._disparity_range,
-                            occlusion="occlusion" in self._options.save,
+                            disparity_range=self.disparity_range,
+                            occlusion="occlusion" in self.options.save,
                             report_phase=report_phase,
                         )
-                        if self._all_views:
+                        if self.all_views:
                             estimate = self._with_all_views(estimate, light_field, report_phase)
                     estimate = dataclasses.replace(
                         estimate,
@@ -333,9 +319,9 @@ class _Pipelines:
         """Add the maps of all views."""
         begin = time.perf_counter()
         views = estimate_all_views(
-            self._estimator,
+            self.estimator,
             light_field,
-            disparity_range=self._disparity_range,
+            disparity_range=self.disparity_range,
             report_phase=report_phase,
         )
         seconds = {**estimate.seconds, "all views": time.perf_counter() - begin}
@@ -345,20 +331,20 @@ class _Pipelines:
         """Read a scene."""
         begin = time.perf_counter()
         # Before its files are read: if they change then, the next call estimates the scene again.
-        settings = self._settings.of(scene)
+        settings = self.settings(scene)
         with collect_warnings() as messages:
-            light_field = self._reader(scene)
-        calibration = self._camera.calibration(light_field.calibration)
+            light_field = self.reader(scene)
+        calibration = self.camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
-        if self._view is not None:
-            light_field = measured(light_field).around(self._view)
+        if self.view is not None:
+            light_field = measured(light_field).around(self.view)
         return ReadScene(light_field, settings, messages, time.perf_counter() - begin)
 
     def _finish(
         self, scene: Path, result: tuple[Estimate, LightField, dict[str, Any]] | Exception
     ) -> None:
         """Write and report an estimate, or report why there is none."""
-        name = self._names[scene]
+        name = self.names[scene]
         try:
             if isinstance(result, Exception):
                 raise result
@@ -366,8 +352,8 @@ class _Pipelines:
             outputs = write_outputs(
                 estimate,
                 light_field,
-                self._folder / name,
-                self._options,
+                self.folder / name,
+                self.options,
                 command=command_line(),
                 settings=settings,
             )
@@ -377,7 +363,7 @@ class _Pipelines:
             self._cannot_write = error
             self._stopped.set()
         except FAILURES as error:
-            if self._only_scene:
+            if self.only_scene:
                 raise
             # Only the message of an InputError is written for users.
             kind = "" if isinstance(error, InputError) else f"{scene}: {type(error).__name__}: "
@@ -392,7 +378,7 @@ class _Pipelines:
         self._progress.close()
         with suppress(OSError):
             print(
-                f"occjax: interrupted after {self._written} of {len(self._names)} scenes; the same "
+                f"occjax: interrupted after {self._written} of {len(self.names)} scenes; the same "
                 "command estimates the others",
                 file=sys.stderr,
                 flush=True,
