@@ -148,15 +148,14 @@ class CostVolumes:
         self.window = min(2 * self.config.cost_radii_px[n - 1] + 1 for n in lengths.values())
         cross = _high_pass(cross)
         # JAX computes in the background: all arms are started before the first one is used.
-        running = [
-            (index, axis, _start_arm(cross, arm, axis, self.candidates))
+        running = {
+            (index, axis): _start_arm(cross, arm, axis, self.candidates)
             for index, arm in enumerate(cross.arms)
             for axis in (0, 1)
-        ]
+        }
         self._on_row = [arm.on_row for arm in cross.arms]
         self._volumes = {
-            (index, axis): np.concatenate(parts)[: len(self.candidates)]
-            for index, axis, parts in running
+            key: np.concatenate(parts)[: len(self.candidates)] for key, parts in running.items()
         }
 
     def along(

@@ -22,7 +22,7 @@ Disorder = Literal["serpentine", "centre"]
 """Every second row runs backwards, or the centre view is not in its place."""
 
 
-def recentred(light_field: LightField, axis: int) -> tuple[LightField, int] | None:
+def recentred(light_field: LightField, axis: int) -> tuple[LightField, tuple[slice, ...]] | None:
     """Return the views without an outer row or column, so that another view is the centre.
 
     Args:
@@ -30,26 +30,24 @@ def recentred(light_field: LightField, axis: int) -> tuple[LightField, int] | No
         axis: 0 to leave out a row, 1 to leave out a column.
 
     Returns:
-        The views, without what belongs to the centre view, and the step along the axis from the
-        centre view to the new one; None if that view is missing.
+        The views, without what belongs to the centre view, and their rows and columns in the grid;
+        None if the new centre view is missing.
 
     Example:
         >>> import numpy as np
-        >>> views, step = recentred(LightField(np.zeros((5, 5, 8, 8))), 0)
-        >>> views.grid, step
-        ((4, 5), 1)
+        >>> recentred(LightField(np.zeros((5, 5, 8, 8))), 0)[0].grid
+        (4, 5)
     """
-    step = 1 if light_field.grid[axis] % 2 else -1
-    kept = [slice(None), slice(None)]
-    kept[axis] = slice(1, None) if step == 1 else slice(None, -1)
-    views = light_field.views[tuple(kept)]
-    usable = None if light_field.usable is None else light_field.usable[tuple(kept)]
+    kept = np.s_[1:] if light_field.grid[axis] % 2 else np.s_[:-1]
+    inner = (kept, slice(None)) if axis == 0 else (slice(None), kept)
+    views = light_field.views[inner]
+    usable = None if light_field.usable is None else light_field.usable[inner]
     if usable is not None and not usable[centre_index(usable.shape)]:
         return None
     part = dataclasses.replace(
         light_field, views=views, usable=usable, ground_truth=None, view_order_report=None
     )
-    return part, step
+    return part, inner
 
 
 def find_disorder(

@@ -45,15 +45,9 @@ class Orientation:
             >>> Orientation(swap=True, flip_rows=True).name
             'rows and columns swapped, rows flipped'
         """
-        parts = []
-        if self.swap:
-            parts.append("rows and columns swapped")
-        if self.flip_rows and self.flip_columns:
-            parts.append("rows and columns flipped")
-        elif self.flip_rows:
-            parts.append("rows flipped")
-        elif self.flip_columns:
-            parts.append("columns flipped")
+        flipped = ["rows"] * self.flip_rows + ["columns"] * self.flip_columns
+        parts = ["rows and columns swapped"] * self.swap
+        parts += [f"{' and '.join(flipped)} flipped"] * bool(flipped)
         return ", ".join(parts) or "as declared"
 
     @property

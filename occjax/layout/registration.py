@@ -295,16 +295,14 @@ class _Views:
             ratio = spacing * self._stretch(state)[1]
         if not (shifted.any() or moved.any() or ratio != 1.0):
             return None
-        grid = (*usable.shape, 2)
         positions = None
         if moved.any() or ratio != 1.0:
-            rows, columns = usable.shape
-            regular = view_offsets(rows, columns, column_spacing=ratio)
+            regular = view_offsets(*usable.shape, column_spacing=ratio)
             positions = regular.copy()
             positions[usable] = np.where(moved[:, None], state.positions, regular[usable])
         shifts = None
         if shifted.any() or moved.any():
-            shifts = np.zeros(grid, np.float32)
+            shifts = np.zeros((*usable.shape, 2), np.float32)
             # The shift at the mean disparity includes a position that is not corrected.
             found = np.where(moved[:, None], state.shifts, self._mean_shift(state)) * scale
             large = np.abs(found).max(-1) >= self.settings.min_correction_px

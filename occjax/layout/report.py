@@ -192,25 +192,21 @@ def _report_without_centre(
     A neighbour of the centre view is taken as the centre, and the positions of the others are
     measured against it: the centre view is in its place if only its neighbours are not.
     """
-    parts = [(axis, recentred(light_field, axis)) for axis in (0, 1)]
-    measurements = [(axis, *part, _measure(part[0], config)) for axis, part in parts if part]
-    axis, others, step, found = min(
-        measurements, key=lambda each: each[-1].report.scores[DECLARED.name]
+    parts = [part for axis in (0, 1) if (part := recentred(light_field, axis))]
+    others, inner, found = min(
+        ((*part, _measure(part[0], config)) for part in parts),
+        key=lambda each: each[-1].report.scores[DECLARED.name],
     )
     measured_places = register(
         others, found.report.brightness, found.disparity, found.scale, config
     )
     registration, misplaced = None, True
     if measured_places is not None and measured_places.positions is not None:
-        kept = [slice(None), slice(None)]
-        kept[axis] = slice(1, None) if step == 1 else slice(None, -1)
-        inner, neighbour = tuple(kept), np.array([step, 0] if axis == 0 else [0, step], np.float32)
         moved = np.zeros(light_field.grid, bool)
         moved[inner] = measured_places.moved
         positions = view_offsets(*light_field.grid)
-        positions[inner][measured_places.moved] = (measured_places.positions + neighbour)[
-            measured_places.moved
-        ]
+        neighbour = positions[inner][centre_index(others.grid)]
+        positions[moved] = (measured_places.positions + neighbour)[measured_places.moved]
         positions = positions - positions[centre_index(light_field.grid)]
         registration = Registration(1.0, positions, None, moved)
         misplaced = bool(moved[centre_index(light_field.grid)])
@@ -286,13 +282,11 @@ def registered(light_field: LightField) -> tuple[LightField, tuple[str, ...]]:
     if light_field.grid == (1, 1):
         return light_field, ()
     report = check(light_field)
-    if report.registration is None:
-        measured = dataclasses.replace(light_field, view_order_report=report)
-        return measured, report.position_notes
-    corrected = report.registration.apply(light_field)
-    report_of_corrected = dataclasses.replace(report, registration=None)
-    corrected = dataclasses.replace(corrected, view_order_report=report_of_corrected)
-    return corrected, report.position_notes
+    notes = report.position_notes
+    if report.registration is not None:
+        light_field = report.registration.apply(light_field)
+        report = dataclasses.replace(report, registration=None)
+    return dataclasses.replace(light_field, view_order_report=report), notes
 
 
 @dataclass(frozen=True, eq=False)
