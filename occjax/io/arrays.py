@@ -334,7 +334,7 @@ def _find_views(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> n
     if name not in named:
         names = [name for name in arrays if name]
         raise InputError(
-            f"{path}: has no array {name!r} (it has: {_listed(arrays)}); "
+            f"{path}: has no array {name!r} (it has: {listed(arrays)}); "
             f"{nearest(name, names, otherwise='pass key (--key NAME)')}"
         )
     return named[name]
@@ -355,8 +355,8 @@ def _optional_fields(path: Path, arrays: dict[str, np.ndarray], key: str | None)
     return {name: named[name] for name in OPTIONAL_FIELDS if name in named}
 
 
-def _listed(arrays: dict[str, np.ndarray]) -> str:
-    """Return names and shapes of arrays, for messages."""
+def listed(arrays: Mapping[str, Any]) -> str:
+    """Return the names and ``shape`` of some arrays, for messages; ``"none"`` if there is none."""
     content = [f"{name} {list(array.shape)}" for name, array in arrays.items()]
     return ", ".join(content[:8]) + ", ..." * (len(content) > 8) if content else "none"
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from occjax.errors import InputError, nearest
-from occjax.io.arrays import check_views
+from occjax.io.arrays import check_views, listed
 from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order, unstacked
 from occjax.io.consistency import most_consistent
 from occjax.io.files import decoder_errors, decoding
@@ -139,22 +139,18 @@ def _read_light_field(
         readings = [check_views(path, to_usual_order(array, order)) for order in orders]
         chosen = 0 if len(orders) == 1 else most_consistent(readings)
         views, order = readings[chosen], orders[chosen]
+        doubt = ""
         if not order.startswith("VUHW"):
-            warnings.warn(
-                f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}]; "
-                "save it as [V, U, H, W, C] if that is wrong",
-                GridWarning,
-                stacklevel=3,
-            )
+            doubt = "; save it as [V, U, H, W, C] if that is wrong"
         elif "axes" not in stored.attributes and views.shape[2] > views.shape[3]:
             # Light fields whose rows and columns are all exchanged are as consistent.
-            warnings.warn(
-                f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}], images "
-                "higher than wide; if they lie on their side, it is "
-                f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as [V, U, H, W, C]",
-                GridWarning,
-                stacklevel=3,
+            doubt = (
+                ", images higher than wide; if they lie on their side, it is "
+                f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as [V, U, H, W, C]"
             )
+        if doubt:
+            read = f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}]"
+            warnings.warn(read + doubt, GridWarning, stacklevel=3)
     calibration, missing = old_hci_camera({**stored.attributes, **attributes}, views.shape[2:4])
     depth = arrays.get("GT_DEPTH")
     if missing and (depth or len(missing) < 3):
@@ -190,8 +186,6 @@ def _find_views(path: Path, arrays: dict[str, StoredArray], key: str | None) -> 
             matching = list(arrays)  # tiled or stacked views, or a message on its shape
     if len(matching) == 1:
         return matching[0]
-    content = [f"{name} {list(stored.shape)}" for name, stored in arrays.items()]
-    shown = ", ".join(content[:8]) + (", ..." if len(content) > 8 else "")
     if key is not None:
         problem = f"has no array {key!r}" if not matching else f"has several arrays {key!r}"
     else:
@@ -199,7 +193,7 @@ def _find_views(path: Path, arrays: dict[str, StoredArray], key: str | None) -> 
     advice = "save the views as [V, U, H, W, C]" if not arrays else "pass key (--key NAME)"
     if key is not None and not matching:
         advice = nearest(key, [name.rsplit("/")[-1] for name in arrays], otherwise=advice)
-    raise InputError(f"{path}: {problem} (it has: {shown or 'none'}); {advice}")
+    raise InputError(f"{path}: {problem} (it has: {listed(arrays)}); {advice}")
 
 
 def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:

@@ -77,7 +77,12 @@ def read_map(
     with reading(path):
         path.stat()
     if path.is_dir():
-        path = _disparity_file(path)
+        folder, path = path, path / "disparity.pfm"
+        if not path.is_file():
+            raise InputError(
+                f"{folder}: a folder without disparity.pfm, so not a folder of results; "
+                f"name a {', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
+            )
     suffix = path.suffix.lower()
     if suffix != ".png" and (scale is not None or offset is not None):
         raise InputError(f"{path}: --scale and --offset apply only to a PNG; pass neither")
@@ -198,17 +203,6 @@ def _quantity(path: Path, stated: str | None, given: Quantity | None) -> Quantit
         raise InputError(f"{path}: states that it holds {stated}, not {given}")
     named: Quantity = "depth" if "depth" in path.stem.lower() else "disparity"
     return cast(Quantity | None, stated) or given or named
-
-
-def _disparity_file(folder: Path) -> Path:
-    """Return the disparity map in a folder of results."""
-    result = folder / "disparity.pfm"
-    if not result.is_file():
-        raise InputError(
-            f"{folder}: a folder without disparity.pfm, so not a folder of results; "
-            f"name a {', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
-        )
-    return result
 
 
 def _real_numbers(path: Path, array: np.ndarray) -> np.ndarray:

@@ -55,9 +55,8 @@ class ViewFiles:
     def _names(self) -> np.ndarray:
         """Return the ``[V, U]`` file names, also of the missing views."""
         names = np.empty(self.named.grid, object)
-        for index, match in self.named.matches.items():
-            names[index] = match.string
-        for index, name in self.named.missing.items():
+        present = {index: match.string for index, match in self.named.matches.items()}
+        for index, name in (present | self.named.missing).items():
             names[index] = name
         return names
 
