@@ -23,10 +23,10 @@ def weights_command(
     ],
 ) -> int:
     """List the weights in the package, or download the published ones."""
-    return _list() if action == "list" else _fetch()
-
-
-def _list() -> int:
+    if action == "fetch":
+        path = fetch_published_weights()
+        print(f"{path}\nuse it with: occjax estimate SCENE -o FOLDER --weights {path}")
+        return 0
     for weights in bundled_weights():
         weights.verify()
         size = weights.path.stat().st_size / 1e6
@@ -43,10 +43,4 @@ def _list() -> int:
         "models that need a file of weights ('occjax weights fetch' downloads those of occcasnet, "
         f"'occjax train RUN --network-preset NAME' trains any): {', '.join(others)}"
     )
-    return 0
-
-
-def _fetch() -> int:
-    path = fetch_published_weights()
-    print(f"{path}\nuse it with: occjax estimate SCENE -o FOLDER --weights {path}")
     return 0

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from importlib import resources
+from pathlib import Path
 
 from occjax.io import read_image, read_pfm, split_tiles
 from occjax.io.hci_config import read_hci_config
@@ -30,17 +30,12 @@ def sample() -> LightField:
         >>> light_field.grid, light_field.image_size, light_field.ground_truth.shape
         ((9, 9), (256, 256), (256, 256))
     """
-    folder = resources.files("occjax.data")
-    with resources.as_file(folder / VIEWS_FILE) as path:
-        views = split_tiles(read_image(path), GRID)
-    with resources.as_file(folder / DISPARITY_FILE) as path:
-        disparity = read_pfm(path)
-    with resources.as_file(folder / PARAMETERS_FILE) as path:
-        config = read_hci_config(path)
+    folder = Path(__file__).parent
+    config = read_hci_config(folder / PARAMETERS_FILE)
     return LightField(
-        views=views,
+        views=split_tiles(read_image(folder / VIEWS_FILE), GRID),
         name="sample",
         calibration=config.calibration,
         disparity_range=config.disparity_range,
-        ground_truth=disparity,
+        ground_truth=read_pfm(folder / DISPARITY_FILE),
     )

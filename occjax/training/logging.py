@@ -41,7 +41,8 @@ class Log:
             temporary.write_text("".join(_line(entry) for entry in kept), encoding="utf-8")
         # Without a buffer, which a full disk would leave to be written at the end.
         self._file = self._path.open("ab", buffering=0)
-        self._board = _tensorboard(folder / TENSORBOARD, first_step)
+        with suppress(ImportError):  # without tensorboardX there is the file only
+            self._board = _Board(folder / TENSORBOARD, first_step)
 
     def __enter__(self) -> Log:
         return self
@@ -148,10 +149,3 @@ class _Board:
     def close(self) -> None:
         with suppress(OSError):  # every line is written already
             self._file.close()
-
-
-def _tensorboard(folder: Path, first_step: int) -> _Board | None:
-    try:
-        return _Board(folder, first_step)
-    except ImportError:
-        return None

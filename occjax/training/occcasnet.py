@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -54,10 +55,7 @@ class OccCasNetTask:
         """Compute the errors of a batch; BatchNorm uses the statistics of the whole batch."""
         outputs, batch_stats = self.apply(params, batch_stats, batch)
         errors = cascade_errors(outputs, batch, self.loss_config)
-
-        def count_bad(disparity, truth, valid):
-            return bad_pixels(disparity, truth, valid, self.loss_config.border)
-
+        count_bad = partial(bad_pixels, border=self.loss_config.border)
         bad = jax.vmap(count_bad)(outputs[-1].disparity, batch.disparity, batch.valid)
         return {**errors, "badpix": bad}, batch_stats
 

@@ -152,13 +152,10 @@ def interpolate(
     part_row = row - whole_row.astype(row.dtype)
     part_column = column - whole_column.astype(column.dtype)
     flat, first = image.reshape(-1), whole_row * n + whole_column
-    top = (
-        take_unchecked(flat, first) * (1.0 - part_column)
-        + take_unchecked(flat, first + 1) * part_column
-    )
-    bottom = (
-        take_unchecked(flat, first + n) * (1.0 - part_column)
-        + take_unchecked(flat, first + n + 1) * part_column
+    top, bottom = (
+        take_unchecked(flat, left) * (1.0 - part_column)
+        + take_unchecked(flat, left + 1) * part_column
+        for left in (first, first + n)
     )
     return top * (1.0 - part_row) + bottom * part_row
 
