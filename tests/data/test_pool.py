@@ -49,13 +49,6 @@ def test_a_sample_is_read_as_it_was_written_except_for_rounding_to_8_bits(tmp_pa
     assert (tmp_path / "one.npz").stat().st_size < 9 * 55 + 4 * 55 + 10 * 5 * 2 + 72 + 2000
 
 
-def test_light_fields_are_numbered_by_the_seed(tmp_path):
-    render_pool(tmp_path / "pool", 3, CONFIG, 3)
-    batch = pool_source(tmp_path / "pool", 3, seed=0)(0)
-    found = {round(float(disparity[0, 0]), 5) for disparity in batch.disparity}
-    assert found == {round(float(expected(number).disparity[0, 0]), 5) for number in range(3)}
-
-
 def test_only_missing_light_fields_are_rendered(tmp_path):
     render_pool(tmp_path, 4, CONFIG, 3)
     (tmp_path / "000001.npz").unlink()

@@ -1,5 +1,8 @@
 """Files of small light fields, for tests of the readers."""
 
+import struct
+import zlib
+
 import numpy as np
 from PIL import Image
 
@@ -20,6 +23,20 @@ disp_min = -1.6
 disp_max = 1.5
 frustum_disp_min = -2.0
 """
+
+
+def png(*chunks):
+    """Return a PNG file of chunks, each the name and the content."""
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in (*chunks, (b"IEND", b""))
+    )
+
+
+def npy_header(shape):
+    """Return the header of an .npy file of bytes."""
+    text = f"{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
 
 
 def save_views(folder, views, name):

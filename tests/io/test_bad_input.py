@@ -9,7 +9,7 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.io import load, write_pfm
-from tests.io.files import CONFIG, hci, save_views
+from tests.io.files import CONFIG, hci, npy_header, save_views
 from tests.io.scenes import two_planes
 
 pytestmark = pytest.mark.filterwarnings("ignore::occjax.io.GridWarning")
@@ -234,10 +234,7 @@ def test_archives_that_are_no_light_field(tmp_path, arrays, options, words):
 
 
 def npy_of_petabytes(path):
-    header = "{'descr': '|u1', 'fortran_order': False, 'shape': (9, 9, 4000000, 4000000, 3), }"
-    line = header.ljust(117) + "\n"
-    start = b"\x93NUMPY\x01\x00" + len(line).to_bytes(2, "little")
-    path.write_bytes(start + line.encode() + bytes(100))
+    path.write_bytes(npy_header((9, 9, 4000000, 4000000, 3)) + bytes(100))
 
 
 def hdf5_without_views(path):

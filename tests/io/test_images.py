@@ -11,6 +11,7 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.io import read_image
+from tests.io.files import png
 
 RNG = np.random.default_rng(0)
 
@@ -35,16 +36,7 @@ def png16(image, filters=(0, 1, 2, 3, 4)):
     colour_type = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
     header = struct.pack(">IIBBBBB", w, h, 16, colour_type, 0, 0, 0)
     compressed = zlib.compress(b"".join(rows))
-    pieces = [
-        (b"IHDR", header),
-        (b"IDAT", compressed[:9]),
-        (b"IDAT", compressed[9:]),
-        (b"IEND", b""),
-    ]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in pieces
-    )
+    return png((b"IHDR", header), (b"IDAT", compressed[:9]), (b"IDAT", compressed[9:]))
 
 
 @hypothesis.given(

@@ -18,25 +18,17 @@ from occjax.io.arrays import check_positions, check_views
 from occjax.io.containers import read_container
 from occjax.io.limits import ReadLimits
 from occjax.io.naming import find_views
-from tests.io.files import CONFIG, hci, save_views
+from tests.io import files
+from tests.io.files import CONFIG, hci, npy_header, save_views
 
 VIEWS = np.random.default_rng(0).integers(0, 256, (3, 3, 8, 10, 3), np.uint8)
 
 
 def png(path, width, height):
     """Write the header of a grey PNG, and one row."""
-    chunks = [
-        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)),
-        (b"IDAT", zlib.compress(bytes(width + 1))),
-        (b"IEND", b""),
-    ]
-    path.write_bytes(
-        b"\x89PNG\r\n\x1a\n"
-        + b"".join(
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-            for kind, data in chunks
-        )
-    )
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    row = zlib.compress(bytes(width + 1))
+    path.write_bytes(files.png((b"IHDR", header), (b"IDAT", row)))
 
 
 def jpeg(path, width, height):
@@ -110,20 +102,15 @@ def test_the_limit_holds_for_all_views_of_a_folder_together(tmp_path, monkeypatc
         load(folder, check_orientation=False)
 
 
-def header(shape):
-    text = f"{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
-    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
-
-
 def test_archives_that_unpack_to_more_than_the_limit_are_refused(tmp_path):
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("views.npy", header((9, 9, 4000, 4000, 3)))
+        archive.writestr("views.npy", npy_header((9, 9, 4000, 4000, 3)))
     with pytest.raises(InputError, match=r"claims 3.89 GB of data, more than the limit of 2.15 GB"):
         read_arrays(path)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("views", "usable"):  # each is below the limit
-            archive.writestr(f"{name}.npy", header((9, 9, 400, 1000, 3)))
+            archive.writestr(f"{name}.npy", npy_header((9, 9, 400, 1000, 3)))
     with pytest.raises(InputError, match=r"GB of data in a file of .* bytes"):
         read_arrays(path)
 

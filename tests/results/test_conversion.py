@@ -112,14 +112,3 @@ def test_a_view_of_another_size_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"\[3, 2\] but the map is \[2, 2\]"):
         write_points(tmp_path / "points.ply", cloud, centre=np.zeros((3, 2, 3), np.uint8))
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_views_of_any_type_give_8_bit_colours(tmp_path, channels, dtype):
-    white = 1.0 if dtype == np.float32 else np.iinfo(dtype).max
-    cloud = point_cloud(Map(np.zeros((4, 4)), "disparity"), None)
-    centre = np.full((4, 4, channels), white, dtype)
-    write_points(tmp_path / "points.ply", cloud, centre=centre)
-    vertices, _ = read_vertices(tmp_path / "points.ply")
-    assert {tuple(vertex)[3:] for vertex in vertices} == {(255, 255, 255)}

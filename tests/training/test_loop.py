@@ -210,13 +210,6 @@ def test_a_folder_of_other_settings_is_refused(uninterrupted, six_steps, begin):
         begin(six_steps, one_plane, folder, data={"seed": 1})
 
 
-def test_a_folder_of_something_else_is_refused(six_steps, begin, tmp_path):
-    (tmp_path / "thesis.tex").write_text("precious")
-    with pytest.raises(InputError, match="neither empty nor a training"):
-        begin(six_steps, one_plane, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-
-
 def test_a_file_in_place_of_the_folder_is_refused(six_steps, begin, tmp_path):
     (tmp_path / "run").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
