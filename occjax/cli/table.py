@@ -57,9 +57,6 @@ def row(
 def stored_failures(folder: Path) -> dict[str, str]:
     """Return the reasons of the failures in an existing table, by the name of the scene.
 
-    Args:
-        folder: Folder of the results.
-
     Example:
         >>> stored_failures(Path("nowhere"))
         {}

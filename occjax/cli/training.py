@@ -27,12 +27,6 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
     The defaults of its options are those of the recipe and the model that the arguments name, so
     that ``--help`` shows them and any of them can be changed.
 
-    Args:
-        arguments: Arguments of the command.
-
-    Returns:
-        Function that returns the exit code.
-
     Raises:
         InputError: If there is no recipe or model of the given name.
     """

@@ -65,12 +65,7 @@ def view_command(
 
 
 def address_lines(url: str, port: int) -> str:
-    """Return the address of the page, and how to see it from another computer.
-
-    Args:
-        url: Address on this computer.
-        port: Its port.
-    """
+    """Return the address of the page, and how to see it from another computer."""
     return (
         f"{url}\n"
         f"  from another computer: ssh -L {port}:localhost:{port} "

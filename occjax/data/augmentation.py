@@ -65,9 +65,6 @@ def augment_batch(
         keys: ``[b]`` random keys, one for each sample.
         batch: Samples with a leading axis.
         config: Settings of the augmentation.
-
-    Returns:
-        The augmented batch.
     """
     augment_one = partial(augment, config=config)
     return jax.lax.platform_dependent(

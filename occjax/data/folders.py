@@ -45,9 +45,6 @@ def folder_source(
         augmentation: Size and random augmentation of the patches; None returns whole views.
         threads: Number of threads that cut patches ahead; 0 cuts them when they are needed.
 
-    Returns:
-        The source.
-
     Raises:
         InputError: If there are no scenes, if the seed is out of range or grain is missing; when
             called, if the scenes differ in their views or are smaller than the patches.

@@ -107,9 +107,6 @@ def pool_source(
         augmentation: Random augmentation; None leaves the light fields unchanged.
         views: The views to take.
 
-    Returns:
-        The source.
-
     Raises:
         InputError: If the folder is not a pool or is an empty one; when called, if a file is
             damaged.
@@ -133,10 +130,6 @@ def pool_source(
 def shuffled(count: int, seed: int) -> Callable[[int], int]:
     """Return the item of each draw: all items in random order, then in another one, and so on.
 
-    Args:
-        count: Number of items.
-        seed: Seed of the orders.
-
     Example:
         >>> item = shuffled(3, seed=0)
         >>> sorted(item(draw) for draw in range(3, 6))
@@ -152,9 +145,6 @@ def shuffled(count: int, seed: int) -> Callable[[int], int]:
 
 def light_field_files(folder: str | Path) -> list[Path]:
     """Return the files of a pool's light fields, up to the first that is missing.
-
-    Args:
-        folder: The pool.
 
     Returns:
         At least one file.

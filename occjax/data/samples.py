@@ -50,9 +50,6 @@ def numpy_sample(
         disparity: ``[h, w]`` ground truth, in pixels per view step.
         visibility: ``[v, u, h, w]``; None means unknown, which is true everywhere.
         valid: ``[h, w]``; None means that every pixel has ground truth.
-
-    Returns:
-        The sample.
     """
     # The fields are annotated as JAX arrays; Any permits NumPy arrays.
     fields: dict[str, Any] = {

@@ -67,9 +67,6 @@ def procedural_source(
         seed: Seed of the light fields and of the augmentation.
         augmentation: Random augmentation of the light fields; None leaves them unchanged.
 
-    Returns:
-        The source.
-
     Raises:
         InputError: If the batch size is not positive.
     """
@@ -105,9 +102,6 @@ def cached_source(
         batch_size: Light fields per step.
         seed: Seed of the light fields, of their order and of the augmentation.
         augmentation: Random augmentation of the light fields; None leaves them unchanged.
-
-    Returns:
-        The source.
 
     Raises:
         InputError: If the count or the batch size is not positive; when called, if the device has
@@ -207,13 +201,6 @@ def shares(weights: Sequence[float], total: int) -> list[int]:
     Each source in turn gets its rounded share of the samples that remain. The numbers add up to the
     total, none decreases when the total grows, and any total can be computed on its own.
 
-    Args:
-        weights: Relative weights.
-        total: Number of samples.
-
-    Returns:
-        Whole numbers that add up to the total.
-
     Example:
         >>> [shares([1.0, 1.0, 2.0], total) for total in (4, 5, 8)]
         [[1, 1, 2], [1, 1, 3], [2, 2, 4]]
@@ -228,15 +215,7 @@ def shares(weights: Sequence[float], total: int) -> list[int]:
 
 
 def sample_numbers(step: int, rows: slice, batch_size: int) -> range:
-    """Return the numbers of the samples in rows of a batch, counted from the first step.
-
-    Args:
-        step: Number of the step.
-        rows: Rows of its batch.
-        batch_size: Samples per step.
-
-    Returns:
-        The numbers; row ``b`` of step ``t`` is sample ``t * batch_size + b``.
+    """Return the numbers of the samples in rows of a batch: ``step * batch_size + row``.
 
     Example:
         >>> sample_numbers(2, slice(2, 4), 4)
@@ -262,9 +241,6 @@ def augment_for_step(
         step: Number of the step.
         rows: Rows of the batch of the step.
         batch_size: Samples in the batch of the step.
-
-    Returns:
-        The augmented samples.
     """
     if augmentation is None:
         return batch

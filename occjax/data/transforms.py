@@ -32,9 +32,6 @@ def transform_images(images: Any, symmetry: Symmetry, axes: tuple[int, int] = (-
         symmetry: The transform.
         axes: The axes of rows and columns, by default the last two.
 
-    Returns:
-        The transformed array.
-
     Example:
         >>> transform_images(np.array([[1, 2], [3, 4]]), "flip_rows").tolist()
         [[3, 4], [1, 2]]

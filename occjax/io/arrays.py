@@ -199,9 +199,6 @@ def _native(array: np.ndarray) -> np.ndarray:
 def read_npy(path: Path) -> np.ndarray:
     """Read one array from an ``.npy`` file; pickled objects are refused.
 
-    Args:
-        path: The file.
-
     Returns:
         The array, of any shape and numeric type.
 

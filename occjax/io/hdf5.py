@@ -22,9 +22,6 @@ def read_dataset(path: Path, stored: Any) -> np.ndarray:
         path: File, for messages.
         stored: The ``h5py.Dataset``.
 
-    Returns:
-        The array.
-
     Raises:
         InputError: If the array is damaged, too large, or stored in another file.
     """
@@ -42,9 +39,6 @@ def check_heaps(file: BufferedReader) -> None:
 
     The HDF5 library (2.0 and before) does not end if an object of a heap has the size 0. The format
     is section III.E of the HDF5 file format specification.
-
-    Args:
-        file: The open file.
 
     Raises:
         ValueError: If the sizes of the objects of a heap do not fit its size.

@@ -99,9 +99,6 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
         data: All bytes of the file.
         path: Name of the file for messages.
 
-    Returns:
-        The header.
-
     Raises:
         InputError: If there is no such header, or the values after it have another length.
 
@@ -150,15 +147,12 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
 def decode_pfm(
     data: bytes, path: str | Path, config: ReadingConfig = ReadingConfig()
 ) -> np.ndarray:
-    r"""Read the image of a PFM file from its bytes.
+    r"""Return the image of a PFM file from its bytes, as :func:`read_pfm`.
 
     Args:
         data: All bytes of the file.
         path: Name of the file for messages.
         config: Thresholds.
-
-    Returns:
-        ``[H, W]`` (grey) or ``[H, W, 3]`` (colour) float32, top row first.
 
     Raises:
         InputError: If the header, the length or the byte order is wrong.

@@ -23,10 +23,6 @@ def read_positions(folder: Path, named: NamedViews) -> tuple[NamedViews, np.ndar
     The unit of the positions becomes the mean spacing of the view rows (of the columns if there is
     one row): disparity is then in pixels per row step, whatever unit the file has.
 
-    Args:
-        folder: Folder of the views.
-        named: The views.
-
     Returns:
         The views, ordered by their positions, and ``[V, U, 2]`` float32 positions ``(row, column)``
         relative to the centre view; None if the folder has no such file.

@@ -90,9 +90,6 @@ def write_description(file: Path, description: Mapping[str, Any]) -> None:
 def read_description(file: Path) -> dict[str, Any]:
     """Read a JSON object that :func:`write_description` wrote.
 
-    Args:
-        file: The JSON file.
-
     Returns:
         The object, which is not empty.
 

@@ -22,10 +22,6 @@ VIDEO_SUFFIXES = (".mp4", ".webp", ".gif")
 def check_video(path: Path, frames_per_second: float) -> None:
     """Verify that a video can be encoded, before its frames are computed.
 
-    Args:
-        path: File to write.
-        frames_per_second: Rate of display.
-
     Raises:
         InputError: If the suffix is not one of :data:`VIDEO_SUFFIXES`, the extra is missing, or the
             rate is not above 0 and at most 1000.

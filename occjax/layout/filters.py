@@ -43,9 +43,6 @@ def high_pass(image: Image, radius: int) -> Image:
 def median_filter(image: np.ndarray) -> np.ndarray:
     """Return the ``[h, w]`` medians of 3x3 pixels; borders replicated.
 
-    Args:
-        image: ``[h, w]``.
-
     Example:
         >>> spot = np.zeros((5, 5), np.float32)
         >>> spot[2, 2] = 9

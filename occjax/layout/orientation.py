@@ -68,12 +68,6 @@ class Orientation:
     def then(self, other: Orientation) -> Orientation:
         """Combine this orientation with one that is applied after it.
 
-        Args:
-            other: The orientation that is applied second.
-
-        Returns:
-            The orientation that has the effect of both.
-
         Example:
             >>> swap, rows = Orientation(swap=True), Orientation(flip_rows=True)
             >>> rows.then(swap).name

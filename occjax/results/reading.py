@@ -24,13 +24,6 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
         folder: Folder that :func:`occjax.results.outputs.write_outputs` has written, with the group
             ``maps``.
         light_field: The light field that was estimated, if you have it.
-
-    Returns:
-        The estimate.
-
-    Raises:
-        InputError: If the folder has no disparity map or no summary, a file is damaged, or the
-            light field has another size.
     """
     folder = Path(folder)
     disparity = read_map(folder).values

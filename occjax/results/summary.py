@@ -100,9 +100,6 @@ def summary(
 def read_summary(path: Path) -> dict[str, Any]:
     """Read the summary of an estimate.
 
-    Args:
-        path: A ``summary.json``.
-
     Returns:
         Its content; see the table at the top of this module.
 

@@ -54,11 +54,6 @@ def fused_points(
     one of the view nearest to the centre is kept, unless the cell in front of it or behind it has a
     point of another view.
 
-    Args:
-        maps: Maps of all views.
-        light_field: The light field.
-        config: Settings.
-
     Returns:
         ``[N, 3]`` float64 points ``(y, x, d)`` and ``[N, 3]`` uint8 colours.
 
@@ -111,11 +106,6 @@ def _is_in(values: np.ndarray, occupied: np.ndarray) -> np.ndarray:
 def write_view_maps(maps: ViewMaps, light_field: LightField, folder: Path) -> None:
     """Write the files of the table at the top of this module to a folder.
 
-    Args:
-        maps: Maps of all views.
-        light_field: The light field.
-        folder: Existing folder.
-
     Raises:
         InputError: If a file cannot be written.
     """
@@ -143,9 +133,6 @@ def write_view_maps(maps: ViewMaps, light_field: LightField, folder: Path) -> No
 
 def read_view_maps(folder: Path) -> ViewMaps | None:
     """Read the maps of all views from a folder of results; None if it has none.
-
-    Args:
-        folder: Folder of results.
 
     Raises:
         InputError: If the file is damaged.

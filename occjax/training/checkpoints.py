@@ -108,9 +108,6 @@ class Checkpoints:
         Args:
             like: Shapes, types and placement of a state's arrays, as ``jax.ShapeDtypeStruct``.
 
-        Returns:
-            The state.
-
         Raises:
             InputError: If no checkpoint can be read as a state of this training. All of them then
                 stay where they are.
@@ -154,19 +151,12 @@ def writing_checkpoint(folder: Path) -> AbstractContextManager[None]:
     """Turn any failure to write into an :class:`InputError`.
 
     Orbax and TensorStore report a full disk by various exceptions.
-
-    Args:
-        folder: Folder of what is written.
     """
     return _failures_as(CannotWriteError, folder)
 
 
 def decoding_checkpoint(path: Path) -> AbstractContextManager[None]:
-    """Turn any failure to read into an :class:`InputError`.
-
-    Args:
-        path: Folder of what is read.
-    """
+    """Turn any failure to read into an :class:`InputError`."""
     return _failures_as(_damaged, path)
 
 

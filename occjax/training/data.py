@@ -75,15 +75,7 @@ def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:
 
 
 def validation_scenes(config: DataConfig, count: int) -> list[LightField]:
-    """Render procedural light fields that training never uses, always the same ones.
-
-    Args:
-        config: Settings of the training data.
-        count: Number of light fields.
-
-    Returns:
-        The light fields.
-    """
+    """Render procedural light fields that training never uses, always the same ones."""
     if not count:
         return []
     unvaried = dataclasses.replace(config, augmentation=None, kept=0)

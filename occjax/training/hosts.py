@@ -24,9 +24,6 @@ _T = TypeVar("_T")
 def join_processes(config: HostConfig) -> None:
     """Connect to the other processes, before JAX is used; return at once if there are none.
 
-    Args:
-        config: The processes.
-
     Raises:
         InputError: If they are not found or not reached.
     """

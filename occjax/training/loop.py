@@ -232,11 +232,6 @@ class _Steps:
     ) -> tuple[TrainState, dict[str, jax.Array]]:
         """Start a step, and wait for the one before: at most two batches are in use.
 
-        Args:
-            state: State before the step.
-            step: Number of the step.
-            batch: Its batch.
-
         Returns:
             State after the step, and its metrics.
         """

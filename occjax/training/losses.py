@@ -36,9 +36,6 @@ def total_loss(means: Mapping[str, Float[Array, ""]], config: LossConfig) -> Flo
             them, are parts of the loss; others, such as ``badpix``, are not.
         config: Its weight of the distribution.
 
-    Returns:
-        The loss.
-
     Example:
         >>> means = {"disparity": jnp.array(0.5), "distribution": jnp.array(2.0)}
         >>> float(total_loss(means, LossConfig(distribution=0.25)))

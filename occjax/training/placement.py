@@ -88,9 +88,6 @@ def make_placement(
         accumulate: Number of micro-batches per step.
         shard_state: Whether the devices share the state too.
 
-    Returns:
-        The placement.
-
     Raises:
         InputError: If there are fewer devices, or if the devices or the micro-batches cannot share
             a batch equally; the message says which batch sizes can be shared.

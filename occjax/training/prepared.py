@@ -258,9 +258,6 @@ def random_patch(
         augmentation: Its crop, flips and turns.
         config: Choice of the place.
 
-    Returns:
-        The patch.
-
     Raises:
         InputError: If the light field is smaller than the crop.
     """

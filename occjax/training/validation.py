@@ -174,10 +174,6 @@ def scenes_from_batch(
 def check_scenes(scenes: Sequence[LightField], network: ModelConfig) -> None:
     """Check before training that every scene can be estimated and compared.
 
-    Args:
-        scenes: The light fields.
-        network: Configuration of the model.
-
     Raises:
         InputError: If a light field does not have the views that the model takes, or has no pixel
             with ground truth inside the border.
