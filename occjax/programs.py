@@ -180,11 +180,7 @@ def load_or_compile(
 
 @contextmanager
 def reporting(report: Callable[[], None]) -> Iterator[None]:
-    """Call a function before a program is compiled, which takes long, within the block.
-
-    Args:
-        report: The function.
-    """
+    """Call a function before a program is compiled, which takes long, within the block."""
     token = _report.set(report)
     try:
         yield

@@ -92,7 +92,6 @@ def select_from_grid(
         >>> rows.tolist(), columns.tolist()
         ([[0, 1, 1, 1, 2]], [[1, 0, 1, 2, 1]])
     """
-    check_selection(selection)
     grid = v, u = offsets.shape[:2]
     is_grid = min(grid) > 1
     index = np.arange(v * u).reshape(grid)
@@ -134,9 +133,6 @@ def is_grid(offsets: np.ndarray, tolerance: float = 0.25) -> bool:
 
 def check_selection(selection: ViewSelection) -> None:
     """Raise an error if a selection is invalid.
-
-    Args:
-        selection: The selection.
 
     Raises:
         InputError: If it is neither the name of an arrangement nor two positive numbers.

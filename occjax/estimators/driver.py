@@ -255,9 +255,6 @@ def _compile(
 def program_identity(estimator: Any) -> tuple | None:
     """Return what the program of an estimator depends on, next to the source code of this package.
 
-    Args:
-        estimator: Any estimator.
-
     Returns:
         Its class and the fields that are compared; None for a class outside of this package, whose
         source code may change.

@@ -124,9 +124,6 @@ def read_seconds(estimate: Path | str) -> float:
     Args:
         estimate: Disparity map or folder of results.
 
-    Returns:
-        Seconds.
-
     Raises:
         MissingFileError: If the time is not recorded.
         InputError: If the record is damaged.

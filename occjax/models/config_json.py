@@ -30,12 +30,6 @@ LEGACY_PARAMETERS = {"params/sectors/choice/": "params/selector/"}
 def config_to_json(config: ModelConfig) -> str:
     """Encode a configuration as JSON; every dataclass names its kind.
 
-    Args:
-        config: Configuration of a model.
-
-    Returns:
-        JSON.
-
     Example:
         >>> from occjax.models import preset
         >>> config_from_json(config_to_json(preset("proposal"))) == preset("proposal")
@@ -56,12 +50,6 @@ def config_to_json(config: ModelConfig) -> str:
 
 def config_from_json(text: str) -> ModelConfig:
     """Decode the JSON of :func:`config_to_json`, also of earlier versions.
-
-    Args:
-        text: JSON.
-
-    Returns:
-        The configuration.
 
     Raises:
         ValueError: If the text does not describe a model of this version.

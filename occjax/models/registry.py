@@ -57,9 +57,6 @@ def preset(name: str, **changes: Any) -> Any:
 def preset_name(config: ModelConfig) -> str:
     """Return the name of a configuration, for either warp; ``"custom"`` if it has none.
 
-    Args:
-        config: Configuration of a model.
-
     Example:
         >>> preset_name(preset("occcasnet", warp="transposed"))
         'occcasnet'

@@ -57,9 +57,6 @@ class Description:
 def describe_light_field(light_field: LightField) -> Description:
     """Describe a light field.
 
-    Args:
-        light_field: The light field.
-
     Example:
         >>> print(describe_light_field(LightField(np.zeros((3, 3, 8, 9), np.uint8), name="wall")))
         LightField 'wall': 3x3 views of 8x9 pixels (rows x columns), grey uint8
@@ -89,9 +86,6 @@ def describe_light_field(light_field: LightField) -> Description:
 
 def describe_estimate(estimate: Estimate) -> Description:
     """Describe an estimate.
-
-    Args:
-        estimate: The estimate.
 
     Example:
         >>> from occjax.estimators import Estimate
@@ -127,9 +121,6 @@ def describe_estimate(estimate: Estimate) -> Description:
 
 def describe_calibration(calibration: Calibration | None) -> str:
     """Describe a camera in words.
-
-    Args:
-        calibration: Camera parameters, if known.
 
     Example:
         >>> describe_calibration(Calibration(50.0, 36.0, 4.0, float("inf")))

@@ -29,15 +29,7 @@ Quantity = Literal["disparity", "confidence", "error"]
 
 
 def plot_light_field(light_field: LightField, axes: Axes | None = None) -> Axes:
-    """Draw the centre view; see :meth:`occjax.LightField.plot`.
-
-    Args:
-        light_field: The light field.
-        axes: Axes to draw into; by default those of a new figure.
-
-    Returns:
-        The axes.
-    """
+    """Draw the centre view; see :meth:`occjax.LightField.plot`."""
     axes = _axes(axes)
     axes.imshow(view_picture(light_field.centre), interpolation="nearest")
     axes.set_title(light_field.name)
@@ -46,19 +38,7 @@ def plot_light_field(light_field: LightField, axes: Axes | None = None) -> Axes:
 
 
 def plot_estimate(estimate: Estimate, quantity: Quantity, axes: Axes | None = None) -> Axes:
-    """Draw a map of an estimate with its colour bar; see :meth:`occjax.Estimate.plot`.
-
-    Args:
-        estimate: The estimate.
-        quantity: Map to draw.
-        axes: Axes to draw into; by default those of a new figure.
-
-    Returns:
-        The axes.
-
-    Raises:
-        InputError: If the quantity is unknown, or there is no ground truth for the error.
-    """
+    """Draw a map of an estimate with its colour bar; see :meth:`occjax.Estimate.plot`."""
     check_one_of("quantity", quantity, Quantity)
     truth = None if estimate.light_field is None else estimate.light_field.ground_truth
     values = estimate.disparity

@@ -47,9 +47,6 @@ def regress_stage(
         before: ``[h, w]`` disparity of the stage before, to which the candidates are added.
         attention: ``[v, u]`` stored in the output.
         occlusion: ``[v, u, h, w]`` stored in the output.
-
-    Returns:
-        Output of the stage.
     """
     probabilities = softmax_leading(scores)
     disparity = expected_disparity(probabilities, candidates)
