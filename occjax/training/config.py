@@ -224,8 +224,7 @@ class PatchConfig:
 
     def __post_init__(self) -> None:
         """Check the number of places."""
-        if self.draws < 1:
-            raise InputError(f"data.patches.draws is {self.draws}; pass 1 or more")
+        _check_positive(self, "data.patches.", "draws")
 
 
 @dataclass(frozen=True)

@@ -321,8 +321,6 @@ class _Keeper:
 
     def keep(self, state: TrainState, done: int, *, validating: bool) -> None:
         """Validate if it is due, and save."""
-        if done == self.checkpoints.latest_step:
-            return
         average, score = gather(state.ema), None
         if validating and self._validates(done):
             scores = self.validate(average, done)
