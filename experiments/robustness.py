@@ -1,14 +1,15 @@
-"""Errors of the two default models with fewer views, noise, and other exposures.
+"""Errors of the two bundled models with fewer views, noise, and other exposures.
 
     python -m experiments.robustness --output TABLE.md                 (the bundled sample)
     python -m experiments.robustness SCENE... --output TABLE.md
     python -m experiments.robustness --small                           (a minute)
 
-Cost: three minutes on two cores for the bundled sample. Expected: the errors grow with fewer views
-(a single row of views has no parallax along horizontal edges) and with noise on weak texture. A
-common exposure changes only the rounding; a different exposure of each view is measured and
-corrected. The fraction of the pixels that ``occjax check`` can measure falls with noise. The
-table of the sample is committed as ``robustness.md``; nothing was tuned on its conditions.
+Cost: three minutes on two cores for the bundled sample. Expected: BadPix grows with fewer views and
+with noise on weak texture. The parallax of a single row of views is horizontal, and a horizontal
+edge does not show it. Darkening all views equally only adds rounding; a different exposure of each
+view is measured and corrected. On weak texture, fewer pixels can be measured by ``occjax check``
+under noise. The table of the sample is committed as ``robustness.md``; nothing was tuned on its
+conditions.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from experiments.validation_scores import Score, score_models
 from occjax import load
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
-from occjax.estimators.driver import measured
+from occjax.estimators.driver import with_report
 from occjax.layout import check
 from occjax.lightfield import LightField
 
@@ -38,7 +39,7 @@ MODELS = ("proposal", "photometric")
 GRIDS = ((9, 9), (7, 7), (5, 5), (3, 3), (2, 2), (1, 9), (9, 1))
 
 NOISE_LEVELS = (2.0, 4.0, 8.0)
-"""Standard deviations of the noise, in levels of 255."""
+"""Standard deviations of the noise, in grey levels of 8 bits."""
 
 EXPOSURE_DIVISOR = 16
 """Divisor of the brightness of all views, as of 12-bit values that are stored in 16 bits."""
@@ -117,7 +118,7 @@ def run(
     for scene in light_fields:
         found = results.setdefault(scene.name, {})
         for name, light_field in tqdm(conditions(scene), unit="condition", disable=None):
-            light_field = measured(light_field)  # once for both models
+            light_field = with_report(light_field)  # once for both models
             fraction = check(light_field).measured_fraction
             found[name] = Result(fraction, score_models(light_field, MODELS))
     print_text(table(results), output)

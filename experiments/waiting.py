@@ -1,13 +1,13 @@
-"""Time that a user waits for around the computation, by phase.
+"""Time of a command outside of the computation, by phase.
 
     python -m experiments.waiting SCENE
     python -m experiments.waiting SCENE --before CHECKOUT --scenes 20
 
 Each command runs in a new process with a cache folder of its own. ``--before`` is another checkout
 of occjax, such as an earlier version, which is measured in turns with this one. Prints seconds as
-two Markdown tables: phases of a run, and whole commands with their ratio to the computation
-(``seconds.run`` of ``summary.json`` in the same process). Expect 3 minutes for a scene of 9x9 views
-of 512x512 pixels on two idle cores, and 5 minutes more for ``--scenes 20``.
+two Markdown tables: phases of a run, and whole commands; in the rows of ratios they are divided by
+the computation (``seconds.run`` of ``summary.json`` of the same process). Expect 3 minutes for a
+scene of 9x9 views of 512x512 pixels on two idle cores, and 5 minutes more for ``--scenes 20``.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ import occjax.cli.estimating
 try:
     from occjax.estimators import make_estimator, run_estimator
     from occjax.results import outputs
-except ImportError:  # commit 2805166
+except ImportError:  # before the package estimators, such as at commit 2805166
     from occjax.inference import Estimator as make_estimator, outputs
     run_estimator = lambda estimator, light_field, **_: estimator(light_field)
 from occjax.io.loading import load
@@ -50,17 +50,18 @@ estimator = make_estimator()
 lap("weights")
 light_field = load(sys.argv[1])
 lap("reading, view order")
-old = not hasattr(outputs, "OutputOptions")  # computed and wrote everything
+# Before there were options, the command computed the occlusion maps while it wrote.
+old = not hasattr(outputs, "OutputOptions")
 estimate = run_estimator(estimator, light_field, occlusion=old)
 begin = time.perf_counter() - estimate.seconds.get("occlusion", 0.0)
 seconds["tracing, lowering, loading"] = estimate.seconds["compile"]
 seconds["run"] = estimate.seconds["run"]
 outputs.write_outputs(estimate, light_field, sys.argv[2])
 lap("writing")
-run_estimator(estimator, light_field)
+run_estimator(estimator, light_field)  # loads the program without occlusion maps
 begin = time.perf_counter()
 again = run_estimator(estimator, light_field)
-seconds["around a second estimate"] = time.perf_counter() - begin - again.seconds["run"]
+seconds["around a repeated estimate"] = time.perf_counter() - begin - again.seconds["run"]
 print(json.dumps(seconds))
 """
 """Measures the phases of one estimate; runs with this version and with earlier ones."""
@@ -74,7 +75,7 @@ class Run(NamedTuple):
 
 
 def waiting(
-    scene: Positional[Annotated[Path, arg(help="Light field.")]],
+    scene: Positional[Annotated[Path, arg(help="Folder of a light field.")]],
     before: Annotated[Path | None, arg(help="Another checkout to compare with.")] = None,
     repeats: Annotated[int, arg(help="Number of runs, in turns; medians are printed.")] = 3,
     scenes: Annotated[int, arg(help="Number of scenes of the run of many scenes; 0: none.")] = 0,
@@ -101,20 +102,20 @@ def waiting(
         _row("`occjax --help`", [v.median("help") for v in measured]),
         _row("a wrong argument of `occjax estimate`", [v.median("wrong") for v in measured]),
         _row("first `occjax estimate` of a shape", [r.seconds for r in firsts]),
-        _row("less its run", [r.seconds - r.computation for r in firsts]),
+        _row("without its computation", [r.seconds - r.computation for r in firsts]),
         _row("second `occjax estimate`", [v.median("second") for v in measured]),
-        _row("less its run", [v.median("outside") for v in measured]),
-        _row("relative to its run", [v.median("ratio") for v in measured]),
+        _row("without its computation", [v.median("outside") for v in measured]),
+        _row("divided by its computation (ratio)", [v.median("ratio") for v in measured]),
     ]
     if scenes:
-        # The run of one scene alone: next to reading and writing, each run takes longer.
+        # The computation of one scene alone: while others are read and written, it takes longer.
         ratios = [
             run.seconds / (scenes * version.median("alone"))
             for run, version in zip(many, measured, strict=True)
             if run is not None
         ]
         rows.append(_row(f"{scenes} scenes", [run.seconds for run in many if run is not None]))
-        rows.append(_row("relative to as many runs", ratios))
+        rows.append(_row("divided by as many computations (ratio)", ratios))
     print()
     print(markdown_table(("seconds", *names), rows, right=True))
 
@@ -161,7 +162,8 @@ class _Version:
         for number in range(count):
             folder = links / f"scene{number}"
             if not folder.exists():
-                folder.mkdir()  # a scene that is listed twice is estimated once
+                # Copies: a scene that is listed twice is estimated once.
+                folder.mkdir()
                 for file in self.scene.iterdir():
                     (folder / file.name).symlink_to(file)
         output = self.folder / "results"
@@ -181,7 +183,7 @@ class _Version:
             text=True,
         )
         seconds = time.perf_counter() - begin
-        if done.returncode not in (0, 2):
+        if done.returncode != (2 if "--wrong" in arguments else 0):
             raise RuntimeError(done.stderr)
         return seconds, done.stdout
 

@@ -21,9 +21,9 @@ from occjax.viz.pictures import disparity_picture
 class FrameReader:
     """Reader of the frames of a video.
 
-    The first frame is measured: view order, shifts and positions of the views, and the disparity
-    range. The others take over its measurement, since the cameras of a video do not move against
-    each other and frames of one range share a compiled program.
+    View order, shifts and positions of the views, and the disparity range are measured on the first
+    frame and used for all: the cameras of a video do not move against each other, and frames of one
+    range share a compiled program.
     """
 
     def __init__(self, first: Path, view_order: ViewOrderOptions) -> None:
@@ -72,7 +72,7 @@ def write_disparity_video(path: Path, frames: Sequence[Path], *, frames_per_seco
     Args:
         path: File to write.
         frames: Folders of the results of the frames, in their order.
-        frames_per_second: Rate of display.
+        frames_per_second: Rate of the video.
 
     Raises:
         InputError: If the frames differ in size, or the file cannot be written.
@@ -99,7 +99,7 @@ def write_disparity_video(path: Path, frames: Sequence[Path], *, frames_per_seco
 
 
 def _maps(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read disparity, without the pixels that have no signal, and confidence of a frame."""
+    """Read the disparity of a frame, NaN where its confidence is too low, and its confidence."""
     disparity, confidence = (
         np.load(folder / f"{name}.npy") for name in ("disparity", "confidence")
     )

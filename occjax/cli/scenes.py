@@ -34,7 +34,7 @@ from occjax.cli.running import collect_warnings, command_line, print_warning
 from occjax.cli.table import Row, row, stored_failures, write_table
 from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, estimate_all_views, run_estimator
-from occjax.estimators.driver import ReportPhase, measured
+from occjax.estimators.driver import ReportPhase, with_report
 from occjax.estimators.protocol import DisparityRange
 from occjax.io.atomic import CannotWriteError, remove_remains
 from occjax.lightfield import LightField
@@ -337,7 +337,7 @@ class _Pipelines:
         calibration = self.camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
         if self.view is not None:
-            light_field = measured(light_field).around(self.view)
+            light_field = with_report(light_field).around(self.view)
         return ReadScene(light_field, settings, messages, time.perf_counter() - begin)
 
     def _finish(

@@ -14,11 +14,11 @@ class AugmentationConfig:
     Attributes:
         crop: ``(height, width)`` of the patch that is cut out at a random position; None keeps
             whole views.
-        flips: Whether rows and columns are each reversed with probability 1/2.
-        turns: Whether patches are transposed with probability 1/2 (square patches only).
-            With flips, all eight symmetries of a square are equally likely.
-        gamma: Largest exponent of the brightness; drawn log-uniformly from
-            ``[1 / gamma, gamma]``.
+        flips: Whether rows and columns, of grid and views together, are each reversed with
+            probability 1/2.
+        turns: Whether grid and views are transposed with probability 1/2; views or crops must then
+            be square. With flips, all eight symmetries of a square are equally likely.
+        gamma: Largest gamma of the brightness; drawn log-uniformly from ``[1 / gamma, gamma]``.
         contrast: Largest contrast factor about mid-grey; drawn log-uniformly from
             ``[1 / contrast, contrast]``.
         brightness: Largest grey value that is added or subtracted, in [0, 1].
@@ -37,7 +37,7 @@ class AugmentationConfig:
     noise_probability: float = 0.5
 
     def __post_init__(self) -> None:
-        """Raise an error for values that no sample can satisfy."""
+        """Check the values."""
         if self.crop is not None and min(self.crop) < 1:
             raise InputError(f"crop is {self.crop}; it must be a positive height and width")
         if self.turns and self.crop is not None and self.crop[0] != self.crop[1]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from occjax import programs
 from occjax.errors import InputError
-from occjax.estimators.driver import ReportPhase, measured, run_estimator
+from occjax.estimators.driver import ReportPhase, run_estimator, with_report
 from occjax.estimators.protocol import DisparityRange, Estimator, ViewMaps
 from occjax.layout import check, registered
 from occjax.lightfield import LightField, centre_index, project
@@ -72,7 +72,7 @@ def estimate_all_views(
     """
     if light_field.grid == (1, 1):
         raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
-    light_field = measured(light_field)
+    light_field = with_report(light_field)
     usable = check(light_field).brightness.usable
     shape = (*light_field.grid, *light_field.image_size)
     disparity, confidence = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)

@@ -28,7 +28,7 @@ MAX_LOADED_ESTIMATORS = 4
 """Compiled estimators, of different shapes, that a process keeps in memory for each device."""
 
 ReportPhase = Callable[[str], None]
-"""Function that is called with the name of each phase when it begins."""
+"""Function that is called with a description of each phase when it begins."""
 
 
 def estimate(
@@ -45,8 +45,9 @@ def estimate(
 ) -> Estimate:
     """Estimate the disparity of a light field's centre view, or of another view.
 
-    The program is compiled once per shape. For several light fields, create the estimator once with
-    :func:`make_estimator` and call :func:`run_estimator`, which reads the weights only once.
+    A program is compiled once for each model and shape of light field. For several light fields,
+    create the estimator once with :func:`make_estimator`, which reads the weights, and call
+    :func:`run_estimator`.
 
     Args:
         light_field: Light field, see :func:`occjax.load`, or its views ``[V, U, H, W, C]``, see
@@ -55,7 +56,8 @@ def estimate(
         weights: Weights, see :func:`make_estimator`.
         warp: Warp, see :func:`make_estimator`.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step. By default the
-            range of the light field; if it has none, the range is measured.
+            range of the light field. If it has none, ProposalNet and the training-free estimator
+            measure it, and OccCasNet searches the range of its training.
         precision: Type of a network's convolutions, ``"float32"`` or ``"bfloat16"``.
         occlusion: Whether to compute the occlusion map of every view.
         view: ``(v, u)``, row and column of the view whose disparity is estimated, counted from 0;
@@ -83,8 +85,10 @@ def estimate(
         light_field = LightField(np.asarray(light_field))
     if view is not None and all_views:
         raise InputError("pass view or all_views, not both")
+    if view is not None or all_views:
+        light_field = with_report(light_field)
     if view is not None:
-        light_field = measured(light_field).around(view)
+        light_field = light_field.around(view)
     if model is None or isinstance(model, str):
         model = make_estimator(model, weights=weights, warp=warp, precision=precision)
     result = run_estimator(model, light_field, disparity_range=disparity_range, occlusion=occlusion)
@@ -96,8 +100,8 @@ def estimate(
     return dataclasses.replace(result, views=views)
 
 
-def measured(light_field: LightField) -> LightField:
-    """Return the light field with its report on the view order, which all its views share."""
+def with_report(light_field: LightField) -> LightField:
+    """Return the light field with the report on its view order, so that it is measured once."""
     if light_field.view_order_report is not None or light_field.grid == (1, 1):
         return light_field
     return dataclasses.replace(light_field, view_order_report=check(light_field))
@@ -118,7 +122,7 @@ def run_estimator(
         light_field: Light field.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step.
         occlusion: Whether to compute the occlusion map of every view.
-        report_phase: Function that is called with the name of each phase.
+        report_phase: Function that is called with a description of each phase.
 
     Returns:
         The estimate; ``seconds`` has the phases ``prepare``, ``compile``, ``run`` and, if
@@ -177,7 +181,8 @@ def estimate_occlusion(light_field: LightField, disparity: np.ndarray) -> np.nda
     """Compute the occlusion map of every view from a disparity map (OccCasNet, eqs. 4 and 5).
 
     Args:
-        light_field: Light field.
+        light_field: Light field whose views are where its offsets say; see
+            :func:`occjax.layout.registered`.
         disparity: ``[H, W]`` disparity of the centre view, pixels per view step.
 
     Returns:
@@ -201,9 +206,9 @@ def export_estimator(
 ) -> Exported:
     """Export the estimator as portable StableHLO with weights and candidates inside.
 
-    The export runs without occjax, wherever StableHLO runs. Write ``exported.serialize()`` to a
-    file (extra ``export``) and call ``jax.export.deserialize(data).call(views)`` with grey float32
-    views ``[v, u, h, w]`` in [0, 1].
+    The export runs without occjax, wherever StableHLO runs. It neither registers views nor corrects
+    their brightness. Write ``exported.serialize()`` to a file (extra ``export``) and call
+    ``jax.export.deserialize(data).call(views)`` with grey float32 views ``[v, u, h, w]`` in [0, 1].
 
     Args:
         estimator: From :func:`make_estimator`.
@@ -253,7 +258,7 @@ def _compile(
 
 
 def program_identity(estimator: Any) -> tuple | None:
-    """Return what the program of an estimator depends on, next to the source code of this package.
+    """Return what the program of an estimator depends on, besides the source code of occjax.
 
     Returns:
         Its class and the fields that are compared; None for a class outside of this package, whose

@@ -82,8 +82,10 @@ class OccCasNetEstimator:
                 f"[{search_range[0]:g}, {search_range[1]:g}]"
             )
             if disparity_range is not None:
-                raise InputError(f"{message}; use the model proposal, which takes any range")
-            notes.append(message)
+                raise InputError(
+                    f"{light_field.name}: {message}; use the model proposal, which takes any range"
+                )
+            notes.append(f"{message}; disparities outside of it are wrong")
         if self.config.needs_visibility:
             raise InputError(
                 f"{light_field.name}: the network takes the exact visibility of every view, which "
@@ -109,8 +111,8 @@ class OccCasNetEstimator:
         candidates: jax.Array,
         ground_truth: jax.Array | None,
     ) -> dict[str, Any]:
-        """Apply the network in strips; the least certain stage gives the confidence."""
-        # Only when it is traced: a kept program needs neither Flax nor the network.
+        """Apply the network in strips."""
+        # Imported when the network is traced: a kept program needs neither Flax nor the network.
         from occjax.models.occcasnet import StageOutput, predict
         from occjax.ops import confidence
 
@@ -123,7 +125,8 @@ class OccCasNetEstimator:
             dtype=jnp.dtype(self.precision),
         )
         spreads = [confidence(stage.probabilities, stage.candidates) for stage in stages]
-        # A refined stage cannot know that the stage before missed the surface.
+        # A refined stage cannot know that the stage before missed the surface. So the confidence is
+        # that of the least certain stage.
         certainty = [
             spread.certainty(len(stage.candidates))
             for spread, stage in zip(spreads, stages, strict=True)

@@ -112,7 +112,7 @@ class ProposalEstimator:
         strips: Strips | None = None,
     ) -> dict[str, Any]:
         """Apply the network and clip the disparity to the searched range."""
-        # Only when it is traced: a kept program needs neither Flax nor the network.
+        # Imported when the network is traced: a kept program needs neither Flax nor the network.
         from occjax.models.proposal import ProposalNet, ProposalOutput
 
         network = ProposalNet(self.config, dtype=jnp.dtype(self.precision))

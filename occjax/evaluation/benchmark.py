@@ -8,15 +8,16 @@
 
 *photorealistic scenes*
 ``discontinuities``              BadPix 0.07 in ``discontinuities``
-``discontinuities_mse_x100``     mean squared error, times 100, in ``discontinuities``
+``discontinuities_mse_x100``     mean squared error, times 100, in ``discontinuities`` (not a
+                                 measure of the benchmark)
 ``bumpiness_planes``             bumpiness of the error, times 100, in ``planes``
 ``bumpiness_smooth``             the same in ``smooth_surfaces``
 ``normals_planes_median``        angle between estimated and true normal in ``planes``, degrees
-``normals_planes_mean``
+``normals_planes_mean``          mean of the same angle (not a measure of the benchmark)
 ``normals_smooth_median``        the same in ``smooth_surfaces``
-``normals_smooth_mean``
-``fine_fattening``               % estimated too near by 0.15 in ``fine_surrounding``
-``fine_thinning``                % estimated too far by 0.15 in ``fine``
+``normals_smooth_mean``          the same in ``smooth_surfaces`` (not a measure of the benchmark)
+``fine_fattening``               % too near by more than 0.15 in ``fine_surrounding``
+``fine_thinning``                % too far by more than 0.15 in ``fine``
 
 *stratified scenes*
 ``backgammon_fattening``         % closer to the foreground in ``foreground_fattening``
@@ -32,9 +33,18 @@
 ===============================  ============================================================
 
 Names such as ``planes`` are regions; :mod:`occjax.evaluation.scene_files` lists their files. Lower
-is better for every measure. There are two differences from the benchmark. It evaluates some
-stratified scenes at ten times the resolution; here every measure uses the resolution of the
-estimate. It counts the dots numbered 1 to 8 in ``dots_by_size``; here all dots count.
+is better for every measure.
+
+Some values differ from those of the benchmark's evaluation toolkit:
+
+* The toolkit evaluates ``discontinuities``, fattening, thinning, dots and stripes at ten times the
+  resolution. Here every measure uses the resolution of the estimate.
+* It computes bumpiness and normals by Scharr filters. Here they are differences of neighbouring
+  pixels.
+* It leaves out pixels without an estimate, or does not count them as fattening or thinning. Here
+  they are wrong.
+* It counts the dots numbered 1 to 8 in ``dots_by_size``, and one is missed from a BadPix of 50 %
+  on. Here all dots count, and one is missed above 50 %.
 """
 
 from __future__ import annotations
@@ -78,7 +88,7 @@ class SceneScores:
 
     Attributes:
         scene: Name of the scene's folder.
-        values: Measures by name, in the order of the table above; lower is better.
+        values: Measures by name, in the order in which they were asked for; lower is better.
         missing: For each measure that could not be computed, the missing file or content.
         border: Pixels left out on each side of the image.
     """
@@ -104,7 +114,7 @@ class SceneScores:
             f"{name:<{width}}  {value:9.3f} {_unit(name)}" for name, value in self.values.items()
         ]
         if self.missing:
-            lines += ["", "not measured, because of missing"]
+            lines += ["", "not measured; missing:"]
             names_by_file: dict[str, list[str]] = {}
             for name, file in self.missing.items():
                 names_by_file.setdefault(file, []).append(name)
@@ -127,8 +137,8 @@ def evaluate_scene(
         scene: Folder of the scene, with ``gt_disp_lowres.pfm`` and masks.
         estimate: Estimated disparity, pixels per view step: a PFM or NPY file, or a folder of
             results.
-        names: Names of the measures, see the table above; None for all that the scene has files
-            for.
+        names: Names of the measures, see :func:`metric_names`; None for all that the scene has
+            files for.
         thresholds: Thresholds of BadPix, pixels per view step, if no names are given.
         border: Pixels left out on each side of the image.
 
@@ -174,7 +184,7 @@ def metric_names(thresholds: tuple[float, ...] = THRESHOLDS) -> tuple[str, ...]:
         thresholds: Thresholds of BadPix, pixels per view step.
 
     Returns:
-        Names in the order of the table above.
+        Names: those of all scenes, of photorealistic scenes, of stratified scenes.
 
     Example:
         >>> metric_names((0.07,))[:4]
@@ -206,7 +216,7 @@ class _Comparison:
             h, w = self.truth.shape
             inside = np.s_[self.border : h - self.border, self.border : w - self.border]
             if not (mask & np.isfinite(self.truth))[inside].any():
-                missing = f"a pixel inside the border in the mask of {name}"
+                missing = f"a valid pixel of {name} inside the border"
                 message = f"{self.folder}: does not have {missing}; choose another measure"
                 raise MissingFileError(message, missing)
             self.masks[name] = mask
@@ -232,7 +242,7 @@ class _Comparison:
 
     def layers(self, region: str, *, wrong: str, right: str) -> float:
         """Return the percentage of pixels in a region that are closer to the wrong layer."""
-        mask = self.mask(region)  # the first file that is named as missing
+        mask = self.mask(region)  # read first: an error then names the file of the region
         layers = {"wrong": self.mask(wrong), "right": self.mask(right)}
         return wrong_layer(self.estimate, self.truth, border=self.border, mask=mask, **layers)
 
@@ -243,7 +253,7 @@ class _Comparison:
 
     def dots_background(self) -> float:
         """Return the mean squared error of the background of the scene dots."""
-        self.mask("dots_by_size")  # raises an error for other scenes with a background
+        self.mask("dots_by_size")  # Other scenes have a background too, but no dots.
         return self.metrics("background").mse_x100
 
 

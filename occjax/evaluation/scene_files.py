@@ -118,8 +118,9 @@ def read_calibration(folder: Path | str) -> Calibration:
 def read_seconds(estimate: Path | str) -> float:
     """Read the run time of an estimate, in seconds.
 
-    The time is that of the phase ``run`` in the ``summary.json`` in the folder of the map, or the
-    number in ``../runtimes/NAME.txt`` of a benchmark submission.
+    For a map ``disp_maps/NAME.pfm`` of a benchmark submission, it is the number in
+    ``runtimes/NAME.txt`` next to ``disp_maps``; for other maps, that of the phase ``run`` in the
+    ``summary.json`` in the folder of the map.
 
     Args:
         estimate: Disparity map or folder of results.
@@ -137,18 +138,19 @@ def read_seconds(estimate: Path | str) -> float:
     """
     estimate = Path(estimate)
     folder = estimate if estimate.is_dir() else estimate.parent
-    submitted = folder.parent / "runtimes" / f"{estimate.stem}.txt"
-    summary = folder / "summary.json"
-    path = submitted if folder.name == "disp_maps" else summary
+    submitted = folder.name == "disp_maps"
+    if submitted:
+        path = folder.parent / "runtimes" / f"{estimate.stem}.txt"
+        advice = "write the seconds of the scene to it"
+    else:
+        path, advice = folder / "summary.json", "pass the folder that occjax estimate wrote"
     if not path.is_file():
         raise MissingFileError(
-            f"{path}: there is no such file, so the run time is unknown; "
-            "pass the folder that occjax estimate wrote",
-            path.name,
+            f"{path}: there is no such file, so the run time is unknown; {advice}", path.name
         )
     with decoding(path, "a record of run times", remedy="remove the file", max_bytes=2**24) as file:
         text = file.read()
-        seconds = float(json.loads(text)["seconds"]["run"] if path == summary else text)
+        seconds = float(text if submitted else json.loads(text)["seconds"]["run"])
     if not 0.0 <= seconds < float("inf"):
         raise InputError(f"{path}: {seconds:g} is not a run time in seconds; remove the file")
     return seconds

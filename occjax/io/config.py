@@ -1,4 +1,4 @@
-"""Thresholds by which files are read."""
+"""Thresholds for files whose content is ambiguous."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ReadingConfig:
-    """Thresholds by which the content of files is interpreted.
+    """Thresholds for files whose content is ambiguous.
 
     Attributes:
-        min_seam_ratio: Ratio of brightness differences above which the arrangement of a mosaic is
-            clear: of steps at seams to steps elsewhere, and of neighbouring tiles as declared to
-            those as detected.
+        min_seam_ratio: Ratio above which the layout of a mosaic counts as detected: of the mean
+            brightness step at seams to that elsewhere, or of the mean difference of adjacent tiles
+            of the declared grid to that of the detected grid.
         max_dark_ratio: Ratio of the darkest to the brightest view of a mosaic below which the
             darkest view counts as dark.
         min_dark_pixels: Number of pixels per view from which the mean brightness of a view is
@@ -22,15 +22,15 @@ class ReadingConfig:
         min_round_fraction: Smallest fraction of a square grid that a round aperture fills; that of
             a circle is 0.79.
         max_unusable_fraction: Fraction of the images of a folder above which images that cannot be
-            decoded, or are of another size, are an error. One such image never is.
-        min_truth_ratio: Ratio of the grey differences under two readings of the ground truth above
-            which the lower one is right.
-        truth_samples: Number of rows and columns, at least, at which the ground truth is compared
-            with the views if they have as many.
-        max_changed_error_ratio: Ratio of two median errors of an estimate, to the ground truth
-            reversed or negated and to the ground truth as given, below which a warning says so.
-        min_view_step: Distance of neighbouring cameras, in the unit of their positions, below
-            which, or above whose inverse, this unit is no view step.
+            decoded, or are of another size, are an error. A single such image is never an error.
+        min_truth_ratio: Factor by which a mirrored or negated ground truth must lower the grey
+            differences of the views to be reported as the right one.
+        truth_samples: Minimum number of rows and columns at which the ground truth is compared with
+            the views; smaller views are compared at every pixel.
+        max_changed_error_ratio: A warning is given if the median error to the mirrored or negated
+            ground truth is less than this fraction of that to the ground truth as given.
+        min_view_step: A warning is given if the mean distance of neighbouring cameras, in the unit
+            of their positions, is below this value or above its inverse.
         min_byte_order_values: Number of values from which their magnitudes show the byte order.
         white_percentile: Percentile of the pixels that tone mapping makes white.
     """

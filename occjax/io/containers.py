@@ -1,7 +1,7 @@
 """Light fields in files that hold several arrays: HDF5 and MATLAB's ``.mat``.
 
-MATLAB stores the last axis of an array first in HDF5, which includes ``.mat`` files of version 7.3.
-The order of the axes is found by their sizes, or read from an attribute ``axes``.
+MATLAB writes HDF5, and its ``.mat`` files of version 7.3, with the axes in reverse order. The order
+of the axes is read from an attribute ``axes``, or inferred from their sizes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class StoredArray:
         shape: Sizes of its axes.
         read: Returns the array.
         attributes: What the file states about it.
-        reversed: Whether MATLAB has stored it, last axis first; None if unknown, in HDF5.
+        reversed: Whether the axes are in reverse order, as MATLAB stores them; None if unknown.
     """
 
     shape: tuple[int, ...]
@@ -72,10 +72,12 @@ def read_container(
         The light field, named after the file.
 
     Raises:
-        InputError: If the file cannot be read, h5py is missing, or no or several arrays are views.
+        InputError: If the file cannot be read, h5py is missing, or not exactly one array can be the
+            views.
 
     Warns:
-        GridWarning: If the axes are not in the usual order, which is guessed from their sizes.
+        GridWarning: If the axes are not in the order ``[V, U, H, W, C]``, or if the views may lie
+            on their side.
         UserWarning: If the ground truth cannot be used, because attributes are missing.
     """
     path = Path(path)
@@ -100,10 +102,10 @@ def read_container(
         def add(name: str, stored: Any) -> None:
             numeric = isinstance(stored, h5py.Dataset) and stored.dtype.kind in "biuf"
             if numeric and stored.shape is not None and not name.startswith("#"):
-                matlab = written_by_matlab or "MATLAB_class" in stored.attrs or None
+                matlab = written_by_matlab or "MATLAB_class" in stored.attrs
                 read = partial(read_dataset, path, stored)
                 attributes = {**stored.parent.attrs, **stored.attrs}
-                found[name] = StoredArray(stored.shape, read, attributes, matlab)
+                found[name] = StoredArray(stored.shape, read, attributes, matlab or None)
 
         with decoder_errors(path, "an HDF5 file", remedy="write or copy it again"):
             written_by_matlab = path.suffix.lower() == ".mat" or file.userblock_size > 0
@@ -131,7 +133,10 @@ def _read_light_field(
     stored = arrays[name]
     order = "HW"
     if len(stored.shape) == 2:
-        views = check_views(path, _tiled_views(path, name, stored, grid))
+        image, order = stored.read(), "HW"
+        if stored.reversed or (stored.reversed is None and "_SAI_" in name):  # written by MATLAB
+            image, order = image.T, "WH"
+        views = check_views(path, _tiled_views(path, name, image, grid))
     elif grid is not None and not axis_roles(stored.shape):
         views = check_views(path, unstacked(stored.read(), grid))
     else:
@@ -143,7 +148,7 @@ def _read_light_field(
         if not order.startswith("VUHW"):
             doubt = "; save it as [V, U, H, W, C] if that is wrong"
         elif "axes" not in stored.attributes and views.shape[2] > views.shape[3]:
-            # Light fields whose rows and columns are all exchanged are as consistent.
+            # If grid and images are both transposed, the views are as consistent.
             doubt = (
                 ", images higher than wide; if they lie on their side, it is "
                 f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as [V, U, H, W, C]"
@@ -153,7 +158,7 @@ def _read_light_field(
             warnings.warn(read + doubt, GridWarning, stacklevel=3)
     calibration, missing = old_hci_camera({**stored.attributes, **attributes}, views.shape[2:4])
     depth = arrays.get("GT_DEPTH")
-    if missing and (depth or len(missing) < 3):
+    if missing and (depth or len(missing) < 3):  # a file of the old HCI benchmark, incomplete
         warnings.warn(
             f"{path}: has no attribute {' and '.join(missing)}, so metric depth and GT_DEPTH are "
             "not used; add the attributes",
@@ -209,7 +214,7 @@ def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
             "H, W (pixels) and C (colours) is plausible; save the views as [V, U, H, W, C], or "
             "pass grid (--grid V U) for [V * U, H, W, C]"
         )
-    # Programs that store the last axis last rarely store the images first, or before the colours.
+    # Other programs than MATLAB rarely put the axes of the images before those of the views.
     matlab = [
         role.startswith(("S", "CS")) if stored.reversed is None else stored.reversed
         for role in roles
@@ -218,12 +223,9 @@ def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
 
 
 def _tiled_views(
-    path: Path, name: str, stored: StoredArray, grid: tuple[int, int] | None
+    path: Path, name: str, image: np.ndarray, grid: tuple[int, int] | None
 ) -> np.ndarray:
-    """Return views that are tiled in two axes."""
-    image = stored.read()
-    if stored.reversed or (stored.reversed is None and "_SAI_" in name):  # written by MATLAB
-        image = image.T
+    """Return views that are tiled in an image."""
     found = grid or repeated_tiles(image)
     if found is None:
         raise InputError(

@@ -1,7 +1,7 @@
 """Metric depth, 3D points and surface normals from disparity and the camera's calibration.
 
-Coordinates are those of the centre camera, in metres, with the axes of 3D viewers: x to the right,
-y up, z towards the viewer. The scene therefore has negative z.
+Coordinates are those of the centre camera, in metres, with the axes of OpenGL: x to the right, y
+up, z towards the viewer. The scene therefore has negative z.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def back_project(depth: Float[Array, "h w"], calibration: Calibration) -> Float[
     """Compute the 3D point of each pixel of the centre view, by the pinhole model.
 
     ``(X, Y, Z) = depth * ((x - x0) / f, (y0 - y) / f, -1)`` with the focal length ``f`` in pixels
-    and ``(x0, y0)`` the middle of the image. The gradient is zero where the depth is not positive
-    and finite.
+    and ``(x0, y0)``, the principal point, in the middle of the image. The gradient is zero where
+    the depth is not positive and finite.
 
     Args:
         depth: ``[h, w]`` metres along the optical axis.
@@ -109,16 +109,16 @@ def surface_normals(points: Float[Array, "h w 3"], *, edge: float = 3.0) -> Floa
 
     The normal is the cross product of a difference of points along the row and one up the column.
     Each difference is central, unless one neighbour is more than ``edge`` times as far away in
-    space as the other. A surface ends there, and the difference to the nearer neighbour is used.
-    The same holds next to a missing point. Planes are exact at any slant. A surface one pixel wide
-    has no neighbour of its own and takes the direction of its surroundings. The gradient is zero
-    where the normal is NaN.
+    space as the other. That is a depth edge, and the difference to the nearer neighbour is used.
+    The same holds next to a missing point. Planes are exact at any slant. A structure one pixel
+    wide has no neighbour on its own surface, so that its normal is that of its surroundings. The
+    gradient is zero where the normal is NaN.
 
     Args:
         points: ``[h, w, 3]`` point of each pixel, as from :func:`occjax.ops.back_project`; NaN or
             infinite for missing points.
         edge: Largest ratio of the distances to the two neighbours for a central difference, at
-            least 1. Infinity takes central differences across the ends of surfaces too.
+            least 1. Infinity takes central differences across depth edges too.
 
     Returns:
         ``[h, w, 3]`` unit vectors in the coordinates of the points: (0, 0, 1) faces the viewer. NaN
@@ -154,9 +154,9 @@ def _difference(
     both = jnp.take(valid, jnp.arange(size), axis) & jnp.take(valid, jnp.arange(1, size + 1), axis)
     squared = jnp.where(both, jnp.sum(jnp.square(step), axis=-1), jnp.inf)
 
-    def padded(array, before, value):
+    def padded(array, width_before, value):
         widths = [(0, 0)] * array.ndim
-        widths[axis] = (before, 1 - before)
+        widths[axis] = (width_before, 1 - width_before)
         return jnp.pad(array, widths, constant_values=value)
 
     before, after = padded(squared, 1, jnp.inf), padded(squared, 0, jnp.inf)
@@ -172,8 +172,8 @@ def in_double(
 ) -> np.ndarray:
     """Evaluate a function of a map and its camera in double precision.
 
-    Depth and normals are differences of nearly equal numbers: inverse depths and neighbouring
-    points.
+    Single precision loses digits here: depth and normals are differences of nearly equal numbers,
+    of inverse depths and of neighbouring points.
 
     Args:
         function: Function such as :func:`depth_from_disparity`; compiled once per camera and shape.

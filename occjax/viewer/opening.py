@@ -16,7 +16,7 @@ import numpy as np
 
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
-from occjax.estimators.driver import measured
+from occjax.estimators.driver import with_report
 from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
 from occjax.io.maps import read_map
@@ -227,7 +227,7 @@ def _around(light_field: LightField, view: Sequence[int] | None) -> LightField:
     """Return the views, where the measurement found them, around the view that was estimated."""
     if view is not None and light_field.view is None:
         v, u = view
-        light_field = measured(light_field).around((v, u))
+        light_field = with_report(light_field).around((v, u))
     return registered(light_field)[0]
 
 

@@ -156,7 +156,7 @@ def test_missing_files_are_listed(scene):
         "bumpiness_planes": "mask_planes_lowres.png",
         "normals_planes_median": "mask_planes_lowres.png",
         "normals_planes_mean": "mask_planes_lowres.png",
-        "fine_thinning": "a pixel inside the border in the mask of fine",
+        "fine_thinning": "a valid pixel of fine inside the border",
         "dots_missed": "mask_dots_by_size_lowres.png",
         "dots_background_mse_x100": "mask_dots_by_size_lowres.png",
     }

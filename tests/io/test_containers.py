@@ -131,6 +131,14 @@ def test_missing_attributes_are_named(tmp_path):
     assert light_field.ground_truth is None
 
 
+def test_depth_is_transposed_together_with_tiles(tmp_path):
+    depth = np.linspace(2.0, 6.0, 40 * 48).reshape(40, 48)
+    tiles = join_tiles(VIEWS[..., :1])[..., 0]
+    path = write(tmp_path / "a.h5", {"Hr_SAI_y": tiles.T, "GT_DEPTH": depth.T}, CAMERA)
+    light_field = load_unchecked(path, grid=(3, 5))
+    np.testing.assert_allclose(light_field.ground_truth, 0.02 * 600 / depth - 3.0, atol=1e-5)
+
+
 def test_tiles_of_superresolution_sets_are_transposed(tmp_path):
     grey = VIEWS[..., :1]
     path = write(tmp_path / "a.h5", {"Hr_SAI_y": join_tiles(grey)[..., 0].T, "Lr_SAI_y": [[1.0]]})

@@ -1,4 +1,8 @@
-"""NumPy loops for the edge-aware filters, one pixel at a time, as in the papers."""
+"""NumPy loops for filters, one pixel at a time.
+
+``edge_aware_mean`` and ``fit_planes`` use the neighbourhoods of the domain transform (Gastal and
+Oliveira, 2011), with half of the radius in each pass.
+"""
 
 import itertools
 
@@ -19,7 +23,7 @@ def box_filter(image, radius):
 
 
 def neighbourhoods(guides, radius, passes):
-    """Return the weight of each pixel in the neighbourhood of each other one, a dense matrix."""
+    """Return ``[N, N]`` weights of all N pixels; row i is the neighbourhood of pixel i."""
     height, width = guides.shape[1:]
     pixels = [(y, x) for y in range(height) for x in range(width)]
 
