@@ -31,7 +31,8 @@ import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,9 @@ _WITHOUT_EFFECT = ("cache", "default_device", "dump", "explain", "log", "traceba
 """Words in the names of options of JAX on which programs do not depend."""
 
 _report: ContextVar[Callable[[], None]] = ContextVar("report", default=lambda: None)
+
+_preloaded: dict[Path, Future[Any]] = {}
+"""Programs that are being loaded before they are asked for, by their file."""
 
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -174,8 +178,30 @@ def load_or_compile(
             _write(path, compiled)
         return compiled
 
-    program = None if path is None else _read(path, device)
-    return build() if program is None else _replaced_if_broken(program, build)
+    program = None
+    if path is not None:
+        early = _preloaded.pop(path, None)
+        program = _read(path, device) if early is None else early.result()
+    if path is None or program is None:
+        return build()
+    with suppress(OSError):  # the time of the last use
+        os.utime(path)
+    return _replaced_if_broken(program, build)
+
+
+def preload() -> None:
+    """Begin to load the program that was used last, which is likely to be used again.
+
+    It is loaded in a thread of its own, while a light field is read. With several devices nothing
+    is loaded, since a program belongs to one of them.
+    """
+    folder = _private_folder()
+    if folder is None or jax.local_device_count() > 1:
+        return
+    for _, _, path in _entries(folder)[:1]:
+        with_one_thread = ThreadPoolExecutor(1)
+        _preloaded[path] = with_one_thread.submit(_read, path, current_device())
+        with_one_thread.shutdown(wait=False)
 
 
 @contextmanager
@@ -255,7 +281,6 @@ def _read(path: Path, device: jax.Device) -> Any:
         program = serialize_executable.deserialize_and_load(
             serialized, inputs, outputs, execution_devices=[device]
         )
-        os.utime(path)
     except Exception:  # whatever is wrong with it, the program can be compiled again
         return None
     return program

@@ -29,6 +29,12 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
+def one_device(monkeypatch):
+    """Programs are loaded early on computers with one device; the tests have several."""
+    monkeypatch.setattr(jax, "local_device_count", lambda: 1)
+
+
+@pytest.fixture
 def call():
     """Function that calls ``factor * x`` as in a new process; returns whether it was traced."""
 
@@ -120,6 +126,31 @@ def test_the_programs_that_were_not_used_for_longest_are_removed(folder, call, m
     call(name=("third",))
     assert first in programs.cached_programs()
     assert second not in programs.cached_programs()
+
+
+def test_the_program_that_was_used_last_is_loaded_early(folder, call, one_device):
+    call(name=("first",))
+    call(name=("second",))
+    assert not call(name=("first",))
+    last = programs.cached_programs()[0]
+    programs.preload()
+    (loading,) = programs._preloaded.values()
+    assert loading.result() is not None
+    last.chmod(0o666)  # would be refused if it were read again
+    assert not call(name=("first",))
+    assert call(name=("first",))
+    programs.preload()
+    assert call(name=("third",))  # another program is the one that is needed
+    assert not call(name=("first",))
+
+
+def test_a_damaged_program_that_is_loaded_early_is_replaced(folder, call, one_device):
+    call()
+    (path,) = programs.cached_programs()
+    path.write_bytes(b"damaged")
+    programs.preload()
+    assert call()
+    assert not call()
 
 
 def test_a_cache_that_the_user_has_configured_for_jax_is_used_instead(folder, call, tmp_path):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from safetensors import safe_open
 from safetensors.numpy import save
@@ -134,7 +133,7 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
         with decoder_errors(path, "weights of a model that can be built", remedy=remedy):
             expected = variable_shapes(config)
         _check_fit(path, flat, expected)
-    return _nested({name: jnp.asarray(value) for name, value in flat.items()}), config
+    return _nested(jax.device_put(flat)), config
 
 
 def _flattened(tree: Mapping[str, Any]) -> dict[str, Any]:
