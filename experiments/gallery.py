@@ -1,7 +1,8 @@
 """Pictures of the documentation's gallery: the bundled sample as other cameras would record it.
 
 ``python -m experiments.gallery -o docs/gallery`` writes, for each camera, ``CAMERA.jpg``, which is
-centre view, ground truth, estimate and error, and ``CAMERA_views.jpg``, which is all views.
+centre view, ground truth, estimate and error, and ``CAMERA_views.jpg``, which is all views. Cost: a
+minute on two cores. Expected: the estimates of all three cameras look alike.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import occjax
 from experiments.command_line import main
 from occjax.data.bundled_sample import sample
 from occjax.io.mosaics import join_tiles
-from occjax.lightfield import LightField, to_unit_float, view_offsets
+from occjax.lightfield import LightField, centre_index, to_unit_float, view_offsets
 
 SHRINK = 4
 """Factor by which the views are reduced in the picture of all views."""
@@ -38,7 +39,7 @@ def gantry(light_field: LightField) -> LightField:
     """Return the views of a gantry: twice as far apart, each displaced by up to one pixel."""
     views = light_field.views[::2, ::2].copy()
     shifts = np.random.default_rng(0).integers(-1, 2, (*views.shape[:2], 2))
-    shifts[views.shape[0] // 2, views.shape[1] // 2] = 0
+    shifts[centre_index(views.shape[:2])] = 0
     for index in np.ndindex(*views.shape[:2]):
         views[index] = np.roll(views[index], tuple(shifts[index]), axis=(0, 1))
     moved = _with_views(light_field, to_unit_float(views), "gantry")

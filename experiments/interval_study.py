@@ -51,7 +51,7 @@ from experiments.reduced import (
 from experiments.score_tables import format_score
 from experiments.training_rows import Row, Scores, Training, slug
 from occjax.errors import InputError
-from occjax.models import OccCasNetConfig, preset, sampled
+from occjax.models import OccCasNetConfig, evenly_spaced, preset
 from occjax.viz.canvas import save
 
 INTERVALS = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 10)
@@ -112,7 +112,7 @@ def with_interval(interval: float) -> OccCasNetConfig:
     """
     network = preset("lfattnet")
     try:
-        candidates = sampled(-4.0, 4.0, interval)
+        candidates = evenly_spaced(-4.0, 4.0, interval)
     except ValueError as error:
         raise InputError(f"--intervals: {error}") from error
     return dataclasses.replace(

@@ -50,9 +50,9 @@ from occjax.models import (
     FeatureConfig,
     OccCasNet,
     OccCasNetConfig,
+    evenly_spaced,
     load_weights,
     preset,
-    sampled,
 )
 from occjax.training import (
     DataConfig,
@@ -152,7 +152,7 @@ class ReducedConfig:
 
 
 def _single_stage(interval: float) -> OccCasNetConfig:
-    candidates = sampled(-4.0, 4.0, interval)
+    candidates = evenly_spaced(-4.0, 4.0, interval)
     return preset("cas_1").with_stages(candidates=candidates)
 
 

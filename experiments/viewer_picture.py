@@ -2,7 +2,8 @@
 
 After ``occjax demo -o FOLDER``, ``python -m experiments.viewer_picture FOLDER -o docs/viewer.jpg``
 turns the cloud, picks a pixel next to a depth edge, and writes what a user then sees. It needs the
-extra ``test``, for playwright, and Chromium.
+extra ``test``, for playwright, and Chromium. Cost: a minute. Expected: the picture of the page on
+the viewer.
 """
 
 from __future__ import annotations

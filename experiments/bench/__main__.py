@@ -44,7 +44,7 @@ import tyro
 
 from experiments.bench import curves as curves_module
 from experiments.bench.candidates import (
-    BAD_PIXEL_THRESHOLD,
+    FINEST_THRESHOLD,
     PEERS,
     PRODUCT,
     Device,
@@ -112,8 +112,8 @@ def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list
     truth = small_sample(side).ground_truth
 
     def bad_pixels(answer: np.ndarray, reference: np.ndarray) -> dict[str, float]:
-        scores = {"float32": evaluate(reference, truth).badpix[BAD_PIXEL_THRESHOLD]}
-        scores[precision] = evaluate(answer, truth).badpix[BAD_PIXEL_THRESHOLD]
+        scores = {"float32": evaluate(reference, truth).badpix[FINEST_THRESHOLD]}
+        scores[precision] = evaluate(answer, truth).badpix[FINEST_THRESHOLD]
         change = scores[precision] - scores["float32"]
         largest = float(np.abs(answer - reference).max())
         return {"change": change, "largest difference": largest, **scores}
@@ -127,7 +127,7 @@ def accuracy(precision: Precision, device: Device, side: int) -> tuple[str, list
     )
     scores = timings[-1].differences
     return (
-        f"BadPix {BAD_PIXEL_THRESHOLD} of the proposal network on {side}x{side} pixels of the "
+        f"BadPix {FINEST_THRESHOLD} of the proposal network on {side}x{side} pixels of the "
         "bundled sample: "
         f"{scores['float32']:.2f} % in float32, {scores[precision]:.2f} % in {precision}."
     ), timings

@@ -21,7 +21,7 @@ PEERS = ("torch", "torch compiled", "tensorflow", "tensorflow eager")
 LEARNING_RATE = 1e-3
 """Learning rate of the published training."""
 
-BAD_PIXEL_THRESHOLD = 0.01
+FINEST_THRESHOLD = 0.01
 """Error above which a pixel is bad, the strictest threshold of the HCI benchmark."""
 
 Comparison = Callable[[np.ndarray, np.ndarray], Mapping[str, float]]
@@ -66,7 +66,7 @@ def compare_disparities(answer: np.ndarray, reference: np.ndarray) -> Mapping[st
     return {
         "median difference": float(np.median(difference)),
         "largest difference": float(difference.max()),
-        f"above {BAD_PIXEL_THRESHOLD}, %": 100 * float(np.mean(difference > BAD_PIXEL_THRESHOLD)),
+        f"above {FINEST_THRESHOLD}, %": 100 * float(np.mean(difference > FINEST_THRESHOLD)),
     }
 
 

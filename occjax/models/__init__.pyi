@@ -5,9 +5,9 @@ from .occcasnet import (
     OccCasNetConfig as OccCasNetConfig,
     StageConfig as StageConfig,
     StageOutput as StageOutput,
+    evenly_spaced as evenly_spaced,
     fetch_published_weights as fetch_published_weights,
     predict as predict,
-    sampled as sampled,
 )
 from .proposal import (
     ProposalNet as ProposalNet,

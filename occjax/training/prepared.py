@@ -34,7 +34,7 @@ from occjax.io.run_folder import open_run_folder, read_description
 from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.config_json import config_to_json
 from occjax.models.proposal.aperture import SECTORS
-from occjax.models.proposal.proposals import ProposalCosts, Proposals
+from occjax.models.proposal.proposals import COST_CHANNELS, ProposalCosts, Proposals
 from occjax.training.config import PatchConfig
 
 PREPARATION = "preparation.json"
@@ -52,7 +52,7 @@ class PackedProposals(NamedTuple):
         centre: ``[h, w]`` grey centre view, times 255.
         disparity: ``[h, w]`` refined disparity.
         proposed: ``[k, h, w]`` proposed disparities, times 4096.
-        costs: ``[k, 13, h, w]`` square roots of the costs, times 255.
+        costs: ``[k, c, h, w]`` square roots of the costs, times 255.
         log_variance: ``[h, w]`` scaled logarithm of the variance of the search's candidates.
         peak_probability: ``[h, w]`` probability of the search's most likely candidate.
     """
@@ -60,7 +60,7 @@ class PackedProposals(NamedTuple):
     centre: UInt8[Array, "*b h w"]
     disparity: Float[Array, "*b h w"]
     proposed: Int16[Array, "*b k h w"]
-    costs: UInt8[Array, "*b k 13 h w"]
+    costs: UInt8[Array, "*b k c h w"]
     log_variance: Float16[Array, "*b h w"]
     peak_probability: Float16[Array, "*b h w"]
 
@@ -83,7 +83,7 @@ _STORED = {
     "centre": UInt8[np.ndarray, "h w"],
     "disparity": Float32[np.ndarray, "h w"],
     "proposed": Int16[np.ndarray, "k h w"],
-    "costs": UInt8[np.ndarray, "k 13 h w"],
+    "costs": UInt8[np.ndarray, f"k {COST_CHANNELS} h w"],
     "log_variance": Float16[np.ndarray, "h w"],
     "peak_probability": Float16[np.ndarray, "h w"],
     "truth": Float32[np.ndarray, "h w"],

@@ -127,15 +127,16 @@ def train_step(
         changed.
 
     Example:
-        ::
-
-            from occjax.training import init_state, make_source, recipe, train_step
-
-            tiny = recipe("tiny")
-            source = make_source(tiny.data, tiny.train.network)
-            state = init_state(tiny.train, source(0))
-            for step in range(100):
-                state, metrics = train_step(state, source(step), config=tiny.train)
+        >>> import numpy as np
+        >>> from occjax.data.samples import numpy_sample
+        >>> from occjax.models import preset
+        >>> views, offsets = np.zeros((4, 3, 3, 16, 16), np.float32), np.zeros((4, 3, 3, 2))
+        >>> batch = numpy_sample(views, offsets, views[:, 1, 1])
+        >>> config = TrainConfig(preset("tiny"))
+        >>> state = jax.eval_shape(partial(init_state, config), batch)
+        >>> after, metrics = jax.eval_shape(partial(train_step, config=config), state, batch)
+        >>> sorted(metrics)[:4]
+        ['applied', 'badpix', 'disparity_0', 'disparity_1']
     """
     (loss, (metrics, batch_stats)), gradients = _gradient(state, batch, config, placement)
     norm = optax.tree.norm(gradients)

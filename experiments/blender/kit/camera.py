@@ -13,7 +13,7 @@ import numpy as np
 
 from .geometry import SENSOR_SIZE_MM, Rig
 from .png import essential_chunks
-from .scene import Scene
+from .scene import SceneDescription
 from .shading import Graph
 from .stage import look_at
 
@@ -36,7 +36,9 @@ class Camera:
         threads: Threads of the renderer; 0 for one per core.
     """
 
-    def __init__(self, scene: Scene, image_size: tuple[int, int], threads: int = 0) -> None:
+    def __init__(
+        self, scene: SceneDescription, image_size: tuple[int, int], threads: int = 0
+    ) -> None:
         self._data = bpy.data.cameras.new("camera")
         self._data.lens, self._data.sensor_width = scene.lens_mm, SENSOR_SIZE_MM
         self._data.clip_start, self._data.clip_end = 0.01, 1000.0

@@ -46,7 +46,7 @@ class Sky(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Scene:
+class SceneDescription:
     """Description of a scene and its centre camera.
 
     Attributes:
@@ -71,7 +71,7 @@ class Scene:
     disparity_range: tuple[float, float]
 
 
-def make_scene(seed: int, style: str = "mixed") -> Scene:
+def make_scene(seed: int, style: str = "mixed") -> SceneDescription:
     """Return the random scene of a seed.
 
     Args:
@@ -84,7 +84,9 @@ def make_scene(seed: int, style: str = "mixed") -> Scene:
     parts, lights, sky, eye, target, lens_mm = STYLES[style](Palette(rng))
     wide = 3.5 if rng.uniform() < 0.25 else 2.0
     low, high = rng.uniform(0.5, 1.0, 2) * wide
-    return Scene(style, tuple(parts), tuple(lights), sky, eye, target, lens_mm, (-low, high))
+    return SceneDescription(
+        style, tuple(parts), tuple(lights), sky, eye, target, lens_mm, (-low, high)
+    )
 
 
 Ingredients = tuple[

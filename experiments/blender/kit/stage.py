@@ -1,4 +1,4 @@
-"""Build a :class:`.scene.Scene` in Blender: objects, lamps and sky."""
+"""Build a :class:`.scene.SceneDescription` in Blender: objects, lamps and sky."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import mathutils
 import numpy as np
 
 from .mesh import Mesh
-from .scene import Light, Scene, Sky
+from .scene import Light, SceneDescription, Sky
 from .shading import Graph, material
 
 SHARP_EDGE_RAD = math.radians(35.0)
 """Angle between faces above which their edge is shaded sharp, in radians."""
 
 
-def build(scene: Scene) -> None:
+def build(scene: SceneDescription) -> None:
     """Replace the contents of Blender by the scene; objects are numbered from 1 in order."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     materials = {

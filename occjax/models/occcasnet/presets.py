@@ -15,7 +15,7 @@ from occjax.models.occcasnet.config import (
 )
 
 
-def sampled(minimum: float, maximum: float, interval: float) -> tuple[float, ...]:
+def evenly_spaced(minimum: float, maximum: float, interval: float) -> tuple[float, ...]:
     """Return evenly spaced disparity candidates from minimum to maximum, both included.
 
     Args:
@@ -30,7 +30,7 @@ def sampled(minimum: float, maximum: float, interval: float) -> tuple[float, ...
         ValueError: If the interval does not divide the range.
 
     Example:
-        >>> sampled(-1.0, 1.0, 0.5)
+        >>> evenly_spaced(-1.0, 1.0, 0.5)
         (-1.0, -0.5, 0.0, 0.5, 1.0)
     """
     steps = (maximum - minimum) / interval if interval > 0 else -1.0
@@ -51,15 +51,17 @@ def _cascade(
 
 def _around(interval: float) -> tuple[float, ...]:
     """Return nine residual candidates, as in every refined stage of the paper."""
-    return sampled(-4 * interval, 4 * interval, interval)
+    return evenly_spaced(-4 * interval, 4 * interval, interval)
 
 
-_COARSE_9, _COARSE_17, _COARSE_33 = (sampled(-4.0, 4.0, step) for step in (1.0, 1 / 2, 1 / 4))
+_COARSE_9, _COARSE_17, _COARSE_33 = (evenly_spaced(-4.0, 4.0, step) for step in (1.0, 1 / 2, 1 / 4))
 
 
 def _single_stage(interval: float) -> OccCasNetConfig:
     """Return LFattNet or SubFocal: one stage, 150 channels, 170 hidden units of attention."""
-    stage = StageConfig(sampled(-4.0, 4.0, interval), aggregation=AggregationConfig(width=150))
+    stage = StageConfig(
+        evenly_spaced(-4.0, 4.0, interval), aggregation=AggregationConfig(width=150)
+    )
     return OccCasNetConfig((stage,), attention_width=170)
 
 
@@ -84,9 +86,11 @@ PRESETS: Mapping[str, OccCasNetConfig] = MappingProxyType(
         # Same structure as the final model, small enough for tests.
         "tiny": OccCasNetConfig(
             (
-                StageConfig(sampled(-2.0, 2.0, 1.0), aggregation=AggregationConfig(8, 1)),
+                StageConfig(evenly_spaced(-2.0, 2.0, 1.0), aggregation=AggregationConfig(8, 1)),
                 StageConfig(
-                    sampled(-0.5, 0.5, 0.5), aggregation=AggregationConfig(8, 1), occlusion="coarse"
+                    evenly_spaced(-0.5, 0.5, 0.5),
+                    aggregation=AggregationConfig(8, 1),
+                    occlusion="coarse",
                 ),
             ),
             views=(3, 3),

@@ -1,5 +1,6 @@
 from .config import (
     PRESETS as PRESETS,
+    ConfidenceConfig as ConfidenceConfig,
     CostConfig as CostConfig,
     ExposureConfig as ExposureConfig,
     NoiseConfig as NoiseConfig,

@@ -20,13 +20,17 @@ from jaxtyping import Array, Float
 from occjax.errors import InputError
 from occjax.kernels.reductions import softmax_leading, sum_leading
 from occjax.lightfield import centre_index, view_offsets
-from occjax.models.proposal.aperture import SECTORS
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.models.proposal.filters import median_filter
 from occjax.models.proposal.planar import flatten_planar_surfaces
 from occjax.models.proposal.planes import Refined, refine
-from occjax.models.proposal.proposals import ProposalCosts, Proposals, make_proposals
+from occjax.models.proposal.proposals import (
+    COST_CHANNELS,
+    ProposalCosts,
+    Proposals,
+    make_proposals,
+)
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
 from occjax.models.proposal.selector import ProposalSelector
@@ -158,61 +162,6 @@ class ProposalNet(nn.Module):
         )
         return _in_original_units(output, scale, height, width)
 
-    def search_and_refine(
-        self, grey: GreyViews, candidates: Float[Array, " d"]
-    ) -> tuple[SearchResult, Float[Array, "h w"], Refined]:
-        """Run the training-free steps.
-
-        Args:
-            grey: Normalised views.
-            candidates: ``[d]`` disparities to search at the configured reach.
-
-        Returns:
-            Result of the search, ``[h, w]`` its disparity at full resolution, and the refined
-            disparity.
-        """
-        searched = search(grey, candidates, self.config)
-        coarse, refined = refine(grey, searched, candidates, self.config)
-        return searched, coarse, refined
-
-    def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:
-        """Compute the proposals of the default range, which depend on no weights.
-
-        Args:
-            views: ``[v, u, h, w]`` grey views in [0, 1].
-            offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in
-                view steps.
-
-        Returns:
-            Proposals of the size of the views; disparities are those at the configured reach.
-        """
-        height, width = views.shape[2:]
-        grey, candidates, _ = self.normalise(views, None, offsets, multiple=2)
-        searched, _, refined = self.search_and_refine(grey, candidates)
-        proposals = make_proposals(grey, searched, refined.disparity, candidates, self.config)
-        return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
-
-    def select(self, proposals: Proposals) -> Selection:
-        """Select among proposals; the only learned step.
-
-        Args:
-            proposals: Proposals; height and width must be multiples of ``config.size_multiple``.
-
-        Returns:
-            The selection: expectation over the proposals close to the most likely one.
-        """
-        assert self.config.selector is not None
-        probabilities = softmax_leading(self.selector(proposals))
-        change = proposals.proposed - proposals.disparity[None]
-        likeliest = jnp.argmax(probabilities, axis=0, keepdims=True)
-        likeliest = jnp.take_along_axis(change, likeliest, axis=0)
-        # The factor keeps proposals at exactly this distance despite rounding.
-        near = jnp.abs(change - likeliest) <= 1.001 * self.config.selector.window
-        averaged = jnp.where(near, probabilities, 0.0)
-        averaged = averaged / sum_leading(averaged)[None]
-        disparity = proposals.disparity + expected_disparity(averaged, change)
-        return Selection(disparity, proposals.proposed, probabilities)
-
     def normalise(
         self,
         views: Float[Array, "v u h w"],
@@ -258,6 +207,61 @@ class ProposalNet(nn.Module):
         grey = jnp.pad(grey, ((0, 0), (0, 0), (0, below), (0, right)), mode="edge")
         return GreyViews(grey, offsets / scale), candidates, scale
 
+    def search_and_refine(
+        self, grey: GreyViews, candidates: Float[Array, " d"]
+    ) -> tuple[SearchResult, Float[Array, "h w"], Refined]:
+        """Run the training-free steps.
+
+        Args:
+            grey: Normalised views.
+            candidates: ``[d]`` disparities to search at the configured reach.
+
+        Returns:
+            Result of the search, ``[h, w]`` its disparity at full resolution, and the refined
+            disparity.
+        """
+        searched = search(grey, candidates, self.config)
+        coarse, refined = refine(grey, searched, candidates, self.config)
+        return searched, coarse, refined
+
+    def select(self, proposals: Proposals) -> Selection:
+        """Select among proposals; the only learned step.
+
+        Args:
+            proposals: Proposals; height and width must be multiples of ``config.size_multiple``.
+
+        Returns:
+            The selection: expectation over the proposals close to the most likely one.
+        """
+        assert self.config.selector is not None
+        probabilities = softmax_leading(self.selector(proposals))
+        change = proposals.proposed - proposals.disparity[None]
+        likeliest = jnp.argmax(probabilities, axis=0, keepdims=True)
+        likeliest = jnp.take_along_axis(change, likeliest, axis=0)
+        # The factor keeps proposals at exactly this distance despite rounding.
+        near = jnp.abs(change - likeliest) <= 1.001 * self.config.selector.window
+        averaged = jnp.where(near, probabilities, 0.0)
+        averaged = averaged / sum_leading(averaged)[None]
+        disparity = proposals.disparity + expected_disparity(averaged, change)
+        return Selection(disparity, proposals.proposed, probabilities)
+
+    def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:
+        """Compute the proposals of the default range, which depend on no weights.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1].
+            offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in
+                view steps.
+
+        Returns:
+            Proposals of the size of the views; disparities are those at the configured reach.
+        """
+        height, width = views.shape[2:]
+        grey, candidates, _ = self.normalise(views, None, offsets, multiple=2)
+        searched, _, refined = self.search_and_refine(grey, candidates)
+        proposals = make_proposals(grey, searched, refined.disparity, candidates, self.config)
+        return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
+
 
 def variable_shapes(config: ProposalNetConfig) -> dict:
     """Return shapes and types of the network's variables without computing any.
@@ -277,7 +281,7 @@ def variable_shapes(config: ProposalNetConfig) -> dict:
 
     # Only the selector has variables, and to trace the other steps takes seconds.
     count = len(config.proposals.offsets) + 2
-    costs = ProposalCosts(zeros(count, SECTORS + 5, dtype=jnp.float16))
+    costs = ProposalCosts(zeros(count, COST_CHANNELS, dtype=jnp.float16))
     proposals = Proposals(zeros(), zeros(), zeros(count), costs, zeros(), zeros())
     init = partial(ProposalNet(config).init, method="select")
     return dict(jax.eval_shape(init, jax.random.key(0), proposals))

@@ -29,15 +29,18 @@ from occjax.models.proposal.sector_costs import (
 )
 from occjax.ops import confidence, winner_takes_all
 
+COST_CHANNELS = SECTORS + 5
+"""Number of costs of a proposal, see :meth:`ProposalCosts.stack`."""
+
 
 class ProposalCosts(NamedTuple):
     """Costs of each proposal in [0, 1], in half precision.
 
     Attributes:
-        channels: ``[k, 13, h, w]`` costs; the properties name the channels.
+        channels: ``[k, c, h, w]`` costs; the properties name the channels.
     """
 
-    channels: Float16[Array, "*b 13 h w"]
+    channels: Float16[Array, "*b c h w"]
 
     @classmethod
     def stack(

@@ -178,11 +178,11 @@ class ProposalSelector(nn.Module):
 
 
 def proposal_cost_features(
-    costs: Float[Array, "n 13 h w"],
+    costs: Float[Array, "n c h w"],
     change: Float[Array, "n h w"],
-    mean_costs: Float[Array, "13 h w"],
+    mean_costs: Float[Array, "c h w"],
     floor: float,
-) -> Float[Array, "n 28 h w"]:
+) -> Float[Array, "n features h w"]:
     """Return costs relative to their mean over the proposals, absolute costs, and the change.
 
     Relative costs do not depend on the contrast of the texture.

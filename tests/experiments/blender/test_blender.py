@@ -25,13 +25,13 @@ from kit.camera import Camera
 from kit.geometry import fit_rig
 from kit.mesh import pose, sheet
 from kit.parts import Part
-from kit.scene import Scene, Sky
+from kit.scene import SceneDescription, Sky
 from kit.stage import build
 from kit.surfaces import Surface
 grey = Surface("plain", ((0.5, 0.5, 0.5),))
 plane = Part(sheet(9.0, 9.0), grey, pose((0, 1, 0), roll=1.1, turn=0.4))
 sky = Sky((1, 1, 1), (1, 1, 1), 1.0, 0)
-scene = Scene("room", (plane,), (), sky, (0, -1, 0), (0, 1, 0), 50.0, (-1.0, 1.0))
+scene = SceneDescription("room", (plane,), (), sky, (0, -1, 0), (0, 1, 0), 50.0, (-1.0, 1.0))
 build(scene)
 np.savez(sys.argv[1], matrix=plane.matrix, **Camera(scene, (32, 48)).measure())
 """

@@ -11,8 +11,8 @@ from occjax.models import (
     FeatureConfig,
     OccCasNetConfig,
     StageConfig,
+    evenly_spaced,
     preset,
-    sampled,
     variable_shapes,
 )
 
@@ -108,8 +108,8 @@ def test_unknown_preset_lists_the_known_ones():
         (lambda: StageConfig((1.0, 0.0)), "two or more, ascending"),
         (lambda: StageConfig((0.0, 1.0), volume="statistics"), "no channels of single views"),
         (lambda: FeatureConfig(blocks=(1, 1)), "not 4, 2 and 4"),
-        (lambda: sampled(-1.0, 1.0, 0.0), "must divide the range"),
-        (lambda: sampled(-1.0, 1.0, 0.3), "must divide the range"),
+        (lambda: evenly_spaced(-1.0, 1.0, 0.0), "must divide the range"),
+        (lambda: evenly_spaced(-1.0, 1.0, 0.3), "must divide the range"),
     ],
 )
 def test_configurations_that_cannot_be_built_are_refused(build, message):

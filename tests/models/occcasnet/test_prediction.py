@@ -13,9 +13,9 @@ from occjax.models import (
     AggregationConfig,
     OccCasNet,
     StageConfig,
+    evenly_spaced,
     predict,
     preset,
-    sampled,
     variable_shapes,
 )
 from occjax.models.occcasnet.prediction import rows_of_strip
@@ -115,7 +115,7 @@ def temporary_bytes(run, *arguments):
 
 @pytest.mark.slow
 def test_strips_need_less_memory_than_the_whole_volume():
-    stage = StageConfig(sampled(-2.0, 2.0, 0.25), aggregation=AggregationConfig(32, 1))
+    stage = StageConfig(evenly_spaced(-2.0, 2.0, 0.25), aggregation=AggregationConfig(32, 1))
     config = dataclasses.replace(FAST, stages=(stage,))
     arguments = variable_shapes(config), jax.ShapeDtypeStruct((3, 3, 256, 64), jnp.float32)
     strips, whole = (
