@@ -453,7 +453,7 @@ def score_patches(
     inside = np.zeros(truth.shape, bool)
     inside[:, border : truth.shape[1] - border, border : truth.shape[2] - border] = True
     stacked = (each.reshape(-1, truth.shape[2]) for each in (disparity, truth, edges, inside))
-    scores = _scores("procedural", *stacked)
+    scores = region_scores("procedural", *stacked)
     return [*scores, {"kind": "time", "seconds_per_megapixel": round(timing, 3)}]
 
 
@@ -467,12 +467,24 @@ def _score_scene(
     border = default_border(truth.shape)
     inside = np.zeros(truth.shape, bool)
     inside[border : truth.shape[0] - border, border : truth.shape[1] - border] = True
-    return _scores(scene.name, disparity, truth, near_edges(truth, config), inside)
+    return region_scores(scene.name, disparity, truth, near_edges(truth, config), inside)
 
 
-def _scores(
+def region_scores(
     scene: str, disparity: np.ndarray, truth: np.ndarray, edges: np.ndarray, inside: np.ndarray
 ) -> list[dict[str, Any]]:
+    """Score a disparity map in each region.
+
+    Args:
+        scene: Name of the scene.
+        disparity: ``[H, W]`` estimate, pixels per view step.
+        truth: ``[H, W]`` true disparity, NaN where it is unknown.
+        edges: ``[H, W]`` whether a pixel is near a depth edge.
+        inside: ``[H, W]`` whether a pixel is compared.
+
+    Returns:
+        A line of the log for each region with known disparities.
+    """
     masks = dict(zip(REGIONS, (inside, inside & edges, inside & ~edges), strict=True))
     lines = []
     for region, mask in masks.items():

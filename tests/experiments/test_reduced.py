@@ -173,7 +173,7 @@ def test_scores_are_apart_near_edges_and_elsewhere():
     truth[..., 10:] = 1.0
     edges = reduced.near_edges(truth[0], CONFIG)
     disparity = truth[0] + np.where(edges, 0.05, 0.0)
-    lines = reduced._scores("plane", disparity, truth[0], edges, np.ones((8, 20), bool))
+    lines = reduced.region_scores("plane", disparity, truth[0], edges, np.ones((8, 20), bool))
     bad = {line["region"]: line["badpix_0.03"] for line in lines}
     assert bad == {"all": 60.0, "edges": 100.0, "elsewhere": 0.0}  # 12 of 20 columns
     assert [line["mse_x100"] for line in lines] == [0.15, 0.25, 0.0]

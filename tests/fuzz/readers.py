@@ -146,7 +146,7 @@ def keras(file):
 
 
 def read_keras(path):
-    keras_weights._group_by_layer(path, keras_weights._read(path))
+    keras_weights.group_by_layer(path, keras_weights.read_arrays(path))
 
 
 def archive(entries, **options):

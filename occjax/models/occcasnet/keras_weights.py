@@ -55,7 +55,7 @@ def load_published_weights(path: str | Path, config: OccCasNetConfig) -> dict:
     Raises:
         InputError: If the file cannot be read or a weight does not fit; the message names it.
     """
-    remaining = _group_by_layer(Path(path), _read(Path(path)))
+    remaining = group_by_layer(Path(path), read_arrays(Path(path)))
     template = traverse_util.flatten_dict(variable_shapes(config))
     flat = {}
     for layer in _layers_in_creation_order(config):
@@ -77,7 +77,7 @@ def load_published_weights(path: str | Path, config: OccCasNetConfig) -> dict:
     return traverse_util.unflatten_dict(flat)
 
 
-def _read(path: Path) -> Iterator[tuple[str, np.ndarray]]:
+def read_arrays(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and values of all weights in a Keras 2 file."""
     try:
         import h5py
@@ -108,7 +108,7 @@ def _text(names: Iterable[bytes | str]) -> list[str]:
     return [name.decode() if isinstance(name, bytes) else str(name) for name in names]
 
 
-def _group_by_layer(
+def group_by_layer(
     path: Path, weights: Iterator[tuple[str, np.ndarray]]
 ) -> dict[str, list[tuple[str, dict[str, np.ndarray]]]]:
     """Group the weights by kind of layer and layer, layers in the order of creation."""

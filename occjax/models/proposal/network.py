@@ -147,7 +147,7 @@ class ProposalNet(nn.Module):
             )
             # A single pixel that differs from all its neighbours is more often wrong than correct.
             disparity = median_filter(selection.disparity)
-            certainty = _selection_confidence(selection, certainty, self.config)
+            certainty = selection_confidence(selection, certainty, self.config)
             change = selection.proposed - selection.disparity[None]
             deviation = confidence(selection.probabilities, change).standard_deviation
         if self.config.weighted_median is not None:
@@ -297,7 +297,7 @@ def _smoothness(disparity: Float[Array, "h w"], edge_step: float) -> Float[Array
     return edge_step / (edge_step + extent)
 
 
-def _selection_confidence(
+def selection_confidence(
     selection: Selection, certainty: Float[Array, "h w"], config: ProposalNetConfig
 ) -> Float[Array, "h w"]:
     """Return the probability of all proposals close to the selected disparity.

@@ -181,11 +181,11 @@ def find_planes(
     )
     used = inside > config.min_isolation * with_border
     residuals = values[None] - planes @ positions
-    used &= _quadratic_fraction(robust_weights(planes), positions, residuals) < config.max_curvature
+    used &= quadratic_fraction(robust_weights(planes), positions, residuals) < config.max_curvature
     return Planes(planes, jnp.where(used, area * spacing**2, 0.0))
 
 
-def _quadratic_fraction(
+def quadratic_fraction(
     weights: Float[Array, "k n"], positions: Float[Array, "3 n"], residuals: Float[Array, "k n"]
 ) -> Float[Array, " k"]:
     """Return the fraction of the variance of residuals that a quadratic function explains."""

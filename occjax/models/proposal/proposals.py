@@ -123,11 +123,11 @@ def make_proposals(
         The proposals.
     """
     settings = config.proposals
-    second = _second_best(searched, candidates, settings.min_second_distance)
+    second = second_best(searched, candidates, settings.min_second_distance)
     proposed = jnp.concatenate(
         [
             refined[None],
-            _continued_surfaces(refined, settings.offsets, settings.slope_step_px),
+            continued_surfaces(refined, settings.offsets, settings.slope_step_px),
             upsample2x(second)[None],
         ]
     )
@@ -170,7 +170,7 @@ def make_proposals(
     )
 
 
-def _continued_surfaces(
+def continued_surfaces(
     disparity: Float[Array, "h w"], offsets: tuple[tuple[int, int], ...], step: int
 ) -> Float[Array, "n h w"]:
     """Continue the surfaces of the neighbours at the offsets to each pixel.
@@ -195,7 +195,7 @@ def _continued_surfaces(
     return continued
 
 
-def _second_best(
+def second_best(
     searched: SearchResult, candidates: Float[Array, " d"], min_distance: float
 ) -> Float[Array, "i j"]:
     """Return the disparity of least cost at the given distance or more from the best one."""

@@ -94,7 +94,7 @@ def search(
     aggregated = aggregated - min_leading(aggregated)[None]
     disparity = winner_takes_all(aggregated, candidates)
     if settings.context_radius_px:
-        disparity = _along_surfaces(costs, candidates, disparity, edges, vignetted, settings)
+        disparity = along_surfaces(costs, candidates, disparity, edges, vignetted, settings)
     probabilities = softmax_leading(-aggregated / settings.temperature)
     return SearchResult(disparity, aggregated, probabilities)
 
@@ -133,7 +133,7 @@ def interpolate_volume(
     return left + fraction * (right - left)
 
 
-def _along_surfaces(
+def along_surfaces(
     costs: Float[Array, "d i j"],
     candidates: Float[Array, " d"],
     disparity: Float[Array, "i j"],

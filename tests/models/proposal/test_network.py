@@ -12,7 +12,7 @@ from occjax.errors import InputError
 from occjax.lightfield import view_offsets
 from occjax.models import ProposalNet, preset, variable_shapes
 from occjax.models.proposal import SearchConfig
-from occjax.models.proposal.network import Selection, _selection_confidence
+from occjax.models.proposal.network import Selection, selection_confidence
 from occjax.view_selection import select_view_indices
 from tests.scenes import plane
 
@@ -61,7 +61,7 @@ def test_confidence_is_at_most_1_where_the_sum_of_probabilities_is_rounded_up(un
     probabilities = jax.nn.softmax(5.0 * uniform(10, 64, 64), axis=0)
     assert float(probabilities.sum(0).max()) > 1.0
     selection = Selection(jnp.zeros((64, 64)), jnp.zeros((10, 64, 64)), probabilities)
-    assert float(_selection_confidence(selection, jnp.ones((64, 64)), CONFIG).max()) == 1.0
+    assert float(selection_confidence(selection, jnp.ones((64, 64)), CONFIG).max()) == 1.0
 
 
 def test_order_of_the_views_does_not_matter(variables, views, output):

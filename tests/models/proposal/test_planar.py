@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occjax.models.proposal import PlanarConfig
-from occjax.models.proposal.planar import _quadratic_fraction, flatten_planar_surfaces
+from occjax.models.proposal.planar import flatten_planar_surfaces, quadratic_fraction
 
 CONFIG = PlanarConfig()
 SIZE = (64, 96)
@@ -77,16 +77,10 @@ def test_the_fraction_that_a_quadratic_function_explains_is_that_of_least_square
     _, x, y = positions
     bowl = np.outer([0.0, 0.1, 1.0], (x - 4) ** 2 - (y - 3) ** 2)
     residuals = (bowl + rng.normal(0, 1, (3, 200))).astype(np.float32)
-    found = _quadratic_fraction(*map(jnp.asarray, (weights, positions, residuals)))
+    found = quadratic_fraction(*map(jnp.asarray, (weights, positions, residuals)))
     terms = np.stack([x**0, x, y, x * x, x * y, y * y], 1)
     for weight, residual, fraction in zip(weights, residuals, found, strict=True):
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(terms * root[:, None], residual * root, rcond=None)[0]
         expected = weight @ (terms @ solution) ** 2 / (weight @ residual**2)
         np.testing.assert_allclose(fraction, expected, rtol=1e-3)
-
-
-def test_the_step_needs_no_lapack():
-    """Each process would load it for 0.3 seconds."""
-    shape = jax.ShapeDtypeStruct(SIZE, "float32")
-    assert "lapack" not in _flatten.lower(shape, shape, config=CONFIG).as_text()

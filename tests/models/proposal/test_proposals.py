@@ -13,7 +13,7 @@ from occjax.models.proposal import ProposalsConfig, proposals
 from occjax.models.proposal.search import SearchResult
 from tests.scenes import plane
 
-continued_surfaces = jax.jit(proposals._continued_surfaces, static_argnums=(1, 2))
+continued_surfaces = jax.jit(proposals.continued_surfaces, static_argnums=(1, 2))
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_second_best_is_the_least_cost_far_from_the_best():
     candidates = jnp.linspace(-2.0, 2.0, 9)
     costs = jnp.abs(candidates - 0.5).at[1].set(0.1)[:, None, None]  # a second minimum at -1.5
     searched = SearchResult(jnp.full((1, 1), 0.5), costs, jax.nn.softmax(-costs, axis=0))
-    second = proposals._second_best(searched, candidates, 0.7)
+    second = proposals.second_best(searched, candidates, 0.7)
     assert abs(float(second[0, 0]) + 1.5) <= 0.25  # half of the interval
 
 
