@@ -354,6 +354,10 @@ def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:
     )
     reversed_sign = best == DECLARED.reversed_sign
     disparity = -measurement.disparity if reversed_sign else measurement.disparity
+    known = measurement.limits is not None and best in (DECLARED, DECLARED.reversed_sign)
+    if known and not brightness.is_equal:
+        refined = view_brightness(light_field, config.brightness, disparity=disparity)
+        report = dataclasses.replace(report, brightness=refined)
     return _Measured(report, fine, disparity, fine_cross.scale)
 
 

@@ -47,6 +47,15 @@ def test_gains_are_measured_and_divided_out(scene, gain):
     np.testing.assert_allclose(equalised, scene.grey()[1, 3], atol=0.03)
 
 
+def test_gains_are_more_exact_where_the_disparity_is_known(scene, gain):
+    light_field = dimmed(scene, gain)
+    without = np.abs(view_brightness(light_field).gain - gain).max()
+    brightness = view_brightness(light_field, disparity=scene.ground_truth)
+    np.testing.assert_allclose(brightness.gain, gain, atol=0.003)
+    assert without > 0.006
+    np.testing.assert_allclose(check(light_field).brightness.gain, gain, atol=0.006)
+
+
 def test_fall_off_within_a_view_is_measured(scene):
     y, x = np.mgrid[-1:1:96j, -1:1:96j]
     v, u = np.indices((5, 5))[..., None, None] - 2
