@@ -37,10 +37,10 @@ from experiments.score_tables import Table, latex, markdown, rounding_error
 from experiments.submission import SCENES
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
-from occjax.data.scenes import GROUND_TRUTH
 from occjax.errors import InputError
 from occjax.evaluation import evaluate_files
 from occjax.io import write_pfm
+from occjax.io.hci_config import GROUND_TRUTH
 
 TITLES = {
     "badpix_0.07": "BadPix 0.07",

@@ -28,10 +28,10 @@ from experiments.markdown import markdown_table, write_text
 from experiments.method_figures import pairwise_figure, radar_figure
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
-from occjax.data.scenes import GROUND_TRUTH
 from occjax.errors import InputError
 from occjax.evaluation import BORDER, SceneScores, evaluate_scene, read_disparity
 from occjax.io import read_pfm, write_pfm
+from occjax.io.hci_config import GROUND_TRUTH
 from occjax.viz import save
 
 

@@ -43,12 +43,13 @@ from experiments.submission import STRATIFIED, TRAINING
 from experiments.training_rows import Scores, base_recipe
 from occjax.cli.options import option
 from occjax.data.bundled_sample import sample
-from occjax.data.scenes import GROUND_TRUTH, load_scenes
+from occjax.data.scenes import load_scenes
 from occjax.errors import InputError
 from occjax.estimators import run_estimator
 from occjax.estimators.factory import estimator_of
 from occjax.io import write_pfm
 from occjax.io.atomic import check_writable
+from occjax.io.hci_config import GROUND_TRUTH
 from occjax.lightfield import LightField
 from occjax.models import load_weights
 from occjax.training import Recipe, scenes_from_folders, train, validate

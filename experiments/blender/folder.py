@@ -15,6 +15,7 @@ from experiments.blender.config import RenderConfig
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.io.files import decoding
+from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS
 from occjax.io.pfm import write_pfm
 from occjax.lightfield import Calibration
 
@@ -84,13 +85,13 @@ def write_ground_truth(folder: Path, config: RenderConfig) -> None:
         depth, objects, facing = (arrays[name] for name in ("depth", "objects", "facing"))
     calibration = Calibration(**record["rig"])
     disparity = calibration.disparity(depth.astype(np.float64), depth.shape).astype(np.float32)
-    write_pfm(folder / "gt_disp_lowres.pfm", disparity)
+    write_pfm(folder / GROUND_TRUTH, disparity)
     write_pfm(folder / "gt_depth_lowres.pfm", depth)
     _write_png(folder / "masks" / "objects.png", objects.astype(np.uint16))
     regions = masks(disparity, objects, facing, plain=record["plain"], glossy=record["glossy"])
     for name, mask in regions.items():
         _write_png(folder / "masks" / f"{name}.png", 255 * mask.astype(np.uint8))
-    _write_parameters(folder / "parameters.cfg", record["style"], calibration, config, disparity)
+    _write_parameters(folder / PARAMETERS, record["style"], calibration, config, disparity)
 
 
 def masks(

@@ -18,8 +18,8 @@ from experiments.command_line import main
 from occjax.data import bundled_sample
 from occjax.data.bundled_sample import DISPARITY_FILE, GRID, PARAMETERS_FILE, VIEWS_FILE
 from occjax.errors import InputError
-from occjax.evaluation.scene_files import GROUND_TRUTH, PARAMETERS
 from occjax.io import atomic_path, join_tiles, load, write_pfm
+from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS
 
 JPEG_STEPS = (5, 12)
 """Quantisation steps of brightness and of colour, equal for all frequencies.

@@ -13,7 +13,7 @@ from occjax.cli.options import CameraOptions, ViewOrderOptions, option
 from occjax.errors import InputError
 from occjax.io import Map, read_map, write_map, write_normals
 from occjax.io.files import reading
-from occjax.io.hci_config import read_hci_config
+from occjax.io.hci_config import PARAMETERS, read_hci_config
 from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity
 from occjax.lightfield import Calibration
 from occjax.results.conversion import convert_map, normals, point_cloud, write_points
@@ -190,7 +190,7 @@ def _read_camera(
             "leave out --parameters, --scene and the options of the camera"
         )
     folder = source if source.is_dir() else source.parent
-    places = [place / "parameters.cfg" for place in (scene, folder) if place is not None]
+    places = [place / PARAMETERS for place in (scene, folder) if place is not None]
     path = parameters or next((place for place in places if place.is_file()), None)
     stored = None
     if path is not None:
@@ -212,7 +212,7 @@ def _read_camera(
 
 def _read_parameters(path: Path, content: Map) -> Calibration:
     """Read the camera from a ``parameters.cfg``; warn if it is for views of another size."""
-    path = path / "parameters.cfg" if path.is_dir() else path
+    path = path / PARAMETERS if path.is_dir() else path
     config = read_hci_config(path)
     print(f"camera: {path}")
     size = content.values.shape

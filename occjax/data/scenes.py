@@ -14,11 +14,9 @@ from occjax.data.samples import LightFieldSample, numpy_sample
 from occjax.errors import InputError
 from occjax.io import load, read_image
 from occjax.io.files import reading
+from occjax.io.hci_config import GROUND_TRUTH
 from occjax.lightfield import to_unit_float
 from occjax.view_selection import ViewSelection, select_from_grid
-
-GROUND_TRUTH = "gt_disp_lowres.pfm"
-"""File of the ground truth in a scene's folder."""
 
 MASK = "mask.png"
 """Optional image in a scene's folder: ground truth is ignored where it is not black."""

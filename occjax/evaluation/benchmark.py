@@ -71,12 +71,12 @@ from occjax.evaluation.metrics import (
 from occjax.evaluation.normals import angular_errors
 from occjax.evaluation.regions import bumpiness, fattening, missed_dots, wrong_layer
 from occjax.evaluation.scene_files import (
-    GROUND_TRUTH,
     MissingFileError,
     read_calibration,
     read_mask,
     read_seconds,
 )
+from occjax.io.hci_config import GROUND_TRUTH
 from occjax.io.pfm import read_pfm
 
 BADPIX = "badpix_"

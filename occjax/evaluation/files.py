@@ -15,8 +15,9 @@ from occjax.evaluation.metrics import (
     default_border,
     evaluate,
 )
-from occjax.evaluation.scene_files import GROUND_TRUTH, is_scene
+from occjax.evaluation.scene_files import is_scene
 from occjax.io.config import ReadingConfig
+from occjax.io.hci_config import GROUND_TRUTH
 from occjax.io.maps import changed_maps, read_map
 
 MAX_DISPARITY_RATIO = 10.0

@@ -17,12 +17,9 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.io.files import decoding
-from occjax.io.hci_config import read_hci_config
+from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS, read_hci_config
 from occjax.io.images import read_image
 from occjax.lightfield import Calibration
-
-GROUND_TRUTH = "gt_disp_lowres.pfm"
-PARAMETERS = "parameters.cfg"
 
 MASK_FILES = ("mask_{}_lowres.png", "mask_{}.png", "masks/{}.png", "mask_{}_highres.png")
 

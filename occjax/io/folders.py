@@ -18,7 +18,7 @@ from occjax.io.arrays import check_ground_truth, check_views, read_npy
 from occjax.io.config import ReadingConfig
 from occjax.io.files import reading
 from occjax.io.gantry import gantry_grid
-from occjax.io.hci_config import HciConfig, read_hci_config
+from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS, HciConfig, read_hci_config
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.limits import ReadLimits
@@ -152,7 +152,7 @@ def subfolder_patterns(folder: Path) -> list[str]:
 
 def _read_config(folder: Path) -> HciConfig | None:
     """Read the camera parameters of an HCI scene, if the folder has them."""
-    path = folder / "parameters.cfg"
+    path = folder / PARAMETERS
     with reading(folder):
         present = path.is_file()
     return read_hci_config(path) if present else None
@@ -163,7 +163,7 @@ def _check_range(folder: Path, disparity_range: tuple[float, float], size: int) 
     if max(map(abs, disparity_range)) > size:
         low, high = disparity_range
         raise InputError(
-            f"{folder / 'parameters.cfg'}: disparities of {low:g} to {high:g} pixels exceed the "
+            f"{folder / PARAMETERS}: disparities of {low:g} to {high:g} pixels exceed the "
             f"size of the views ({size}); correct disp_min and disp_max in [meta]"
         )
 
@@ -250,7 +250,7 @@ def _read_ground_truth(
 ) -> np.ndarray | None:
     """Read the disparity of the centre view, if the folder has it."""
     if layout == "hci":
-        path = folder / "gt_disp_lowres.pfm"
+        path = folder / GROUND_TRUTH
         return check_ground_truth(path, read_pfm(path), size) if path.is_file() else None
     if layout == "urbanlf":
         centre = named.matches.get(centre_index(named.grid))

@@ -11,6 +11,12 @@ from occjax.errors import InputError
 from occjax.io.files import decoding
 from occjax.lightfield import Calibration
 
+PARAMETERS = "parameters.cfg"
+"""Name of the file in the folder of a scene."""
+
+GROUND_TRUTH = "gt_disp_lowres.pfm"
+"""Name of the file with the true disparity of the centre view, in pixels per view step."""
+
 MAX_CONFIG_BYTES = 2**13
 """Largest size of the file. Those of the benchmark have 1 kB, and the time of the parser grows with
 the square of the length of a line."""

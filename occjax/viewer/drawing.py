@@ -22,6 +22,16 @@ OUTSIDE = 0.35
 """Grey level of what lies outside the image, and of views that are missing."""
 
 
+def css(colour: tuple[int, int, int]) -> str:
+    """Return a colour as a web page writes it.
+
+    Example:
+        >>> css((255, 64, 160))
+        '#ff40a0'
+    """
+    return "#" + bytes(colour).hex()
+
+
 def enlarged(image: np.ndarray, *, width: int = 400) -> np.ndarray:
     """Return a small image enlarged by a whole number, until it is at least so wide.
 

@@ -18,7 +18,15 @@ from occjax.lightfield import centre_index, project
 from occjax.results.conversion import flying_pixels
 from occjax.viewer import cloud
 from occjax.viewer.config import ViewerConfig
-from occjax.viewer.drawing import enlarged, epipolar_picture, patch_picture, with_cross
+from occjax.viewer.drawing import (
+    CENTRE,
+    MARK,
+    css,
+    enlarged,
+    epipolar_picture,
+    patch_picture,
+    with_cross,
+)
 from occjax.viewer.pixel import (
     Line,
     angular_patch,
@@ -108,9 +116,7 @@ class CloudPanel:
         self._add_controls()
         self._clouds = [self._add_cloud(index) for index in range(len(scene.results))]
         radius = 0.01 * max(scene.image_size) * self._point_size / step
-        self._marker = page.server.scene.add_icosphere(
-            "/picked", radius=radius, color=(255, 64, 160)
-        )
+        self._marker = page.server.scene.add_icosphere("/picked", radius=radius, color=MARK)
         self._set_first_camera()
 
     def _add_controls(self) -> None:
@@ -430,8 +436,12 @@ class PixelPanel:
                 (
                     uplot.Series(label="disparity"),
                     uplot.Series(label="all views", stroke="#4c9be8", width=2),
-                    uplot.Series(label="best part of the views", stroke="#f2b632", width=2),
-                    uplot.Series(label="estimate", stroke="#ff40a0", width=2),
+                    uplot.Series(
+                        label="best part of the views",
+                        stroke=css(CENTRE),
+                        width=2,
+                    ),
+                    uplot.Series(label="estimate", stroke=css(MARK), width=2),
                 ),
                 scales={"x": uplot.Scale(time=False)},
                 height=190,

@@ -8,8 +8,9 @@ import pytest
 
 from experiments import hci_scenes, train_hci
 from experiments.train_hci import ADDITIONAL, VALIDATION
-from occjax.data.scenes import GROUND_TRUTH, Scene
+from occjax.data.scenes import Scene
 from occjax.errors import InputError
+from occjax.io.hci_config import GROUND_TRUTH
 from occjax.lightfield import LightField
 from occjax.training import read_log
 

@@ -14,8 +14,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from occjax.errors import InputError
-from occjax.lightfield import centre_index, view_offsets
-from occjax.ops.sampling import as_coordinates
+from occjax.lightfield import centre_index
+from occjax.ops.sampling import as_coordinates, as_offsets
 
 SECTORS = 8
 """Number of sectors of the aperture, 45 degrees each."""
@@ -84,9 +84,7 @@ def other_views(grid: tuple[int, ...], offsets: ArrayLike | None) -> OtherViews:
     v, u = grid
     if v * u < 2:
         raise InputError("one view has no disparity; give a grid of at least 1x2 views")
-    (offsets,) = as_coordinates(view_offsets(v, u) if offsets is None else offsets)
-    if offsets.shape != (v, u, 2):
-        raise InputError(f"offsets must be {[v, u, 2]}, not {list(offsets.shape)}")
+    offsets = as_offsets(offsets, (v, u))
     centre = int(np.ravel_multi_index(centre_index((v, u)), (v, u)))
     others = np.delete(np.arange(v * u, dtype=np.int32), centre)
     offsets = offsets.reshape(-1, 2)[others]

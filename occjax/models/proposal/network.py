@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from occjax.errors import InputError
 from occjax.kernels.reductions import softmax_leading, sum_leading
-from occjax.lightfield import centre_index, view_offsets
+from occjax.lightfield import centre_index
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.models.proposal.filters import median_filter
@@ -36,7 +36,7 @@ from occjax.models.proposal.search import GreyViews, SearchResult, search
 from occjax.models.proposal.selector import ProposalSelector
 from occjax.models.proposal.weighted_median import replace_uncertain
 from occjax.ops import confidence, expected_disparity
-from occjax.ops.sampling import as_coordinates, as_images
+from occjax.ops.sampling import as_coordinates, as_images, as_offsets
 
 
 class Selection(NamedTuple):
@@ -189,7 +189,7 @@ class ProposalNet(nn.Module):
         v, u, h, w = views.shape
         if min(h, w) < 3:
             raise InputError(f"views must be at least 3x3 pixels, not {h}x{w}")
-        (offsets,) = as_coordinates(view_offsets(v, u) if offsets is None else offsets)
+        offsets = as_offsets(offsets, (v, u))
         if v * u < 2:
             raise InputError("one view has no disparity; give a grid of at least 1x2 views")
         scale = jnp.max(jnp.abs(offsets)) / self.config.reach
