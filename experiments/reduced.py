@@ -36,7 +36,7 @@ from experiments.networks import TABLE_3
 from experiments.training_rows import Training, select_rows
 from occjax.data.config import AugmentationConfig
 from occjax.data.pool import light_field_files, read_sample, render_pool
-from occjax.data.procedural import SceneConfig
+from occjax.data.procedural import Defects, SceneConfig, Textures
 from occjax.data.samples import LightFieldSample, stack_samples
 from occjax.errors import InputError
 from occjax.estimators import run_estimator
@@ -117,18 +117,18 @@ class ReducedConfig:
             widths=(4, 8, 8, 8), blocks=(1, 1, 1, 1), pooled=(2, 4), fused=8
         )
     )
-    aggregation: AggregationConfig = field(default_factory=lambda: AggregationConfig(8, pairs=1))
+    aggregation: AggregationConfig = field(default_factory=lambda: AggregationConfig(16, pairs=1))
     attention_width: int = 24
-    train_count: int = 400
+    train_count: int = 1600
     held_out_count: int = 200
     image_size: int = 48
     patch: int = 24
     batch_size: int = 4
-    steps: int = 800
+    steps: int = 600
     data_seed: int = 0
     optimiser: OptimiserConfig = field(
         default_factory=lambda: OptimiserConfig(
-            peak_rate=3e-3, warm_up=50, weight_decay=1e-4, clip=1.0
+            peak_rate=5e-3, warm_up=50, weight_decay=1e-4, clip=1.0
         )
     )
     ema_decay: float = 0.98
@@ -137,17 +137,31 @@ class ReducedConfig:
 
     @property
     def scenes(self) -> SceneConfig:
-        """Distribution of the procedural light fields."""
+        """Distribution of the procedural light fields.
+
+        They are small and few steps are trained, so that they have few objects, with visible
+        texture; a third of them is noisy.
+        """
         return SceneConfig(
             image_size=(self.image_size, self.image_size),
             grid=self.views,
             views="all",
             rays=4,
             disparity_range=(-4.0, 4.0),
-            disparity_width=(0.4, 8.0),
+            disparity_width=(1.0, 6.0),
+            walls=2,
+            sheets=4,
+            solids=2,
+            textures=Textures(gradients=0.3),
+            curved=0.2,
             low_contrast=0.1,
-            textureless=0.03,
-            calm=0.1,
+            textureless=0.02,
+            calm=0.0,
+            similar=0.1,
+            shadows=0.3,
+            highlights=0.0,
+            reflections=0.0,
+            defects=Defects(noise=0.3, vignetting=0.0, blur=0.0, gamma=0.3, quantisation=0.8),
         )
 
 
