@@ -39,7 +39,8 @@ from experiments.efficiency_table import mega, tera
 from experiments.flops import count_flops, count_parameters
 from experiments.markdown import markdown_table
 from experiments.networks import CAS_2_AGAIN, TABLE_3, candidate_intervals, candidate_numbers
-from experiments.reduced import INTERVAL_STUDY, QUESTIONS, Reduced, run_reduced
+from experiments.reduced import INTERVAL_STUDY, QUESTIONS
+from experiments.reduced_report import Reduced, run_reduced
 from experiments.training_rows import Row, Scores, Training, select_rows
 from occjax.cli.options import option
 from occjax.errors import InputError

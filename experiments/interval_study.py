@@ -42,12 +42,10 @@ from experiments.reduced import (
     LOGS,
     NETWORKS,
     QUESTIONS,
-    Reduced,
     ReducedConfig,
-    read_results,
     reduced_form,
-    run_reduced,
 )
+from experiments.reduced_report import Reduced, read_results, run_reduced
 from experiments.score_tables import format_score
 from experiments.training_rows import Row, Scores, Training, slug
 from occjax.errors import InputError

@@ -1,8 +1,9 @@
 """The paper's networks at a reduced size: trained on a CPU, scored, compared with the paper.
 
-``experiments.ablation`` and ``experiments.interval_study`` call this module with ``--reduced``. All
-trainings share one pool of procedural light fields, batches, steps and schedule; they differ in
-their network and their seed only. Folder of the trainings:
+``experiments.ablation`` and ``experiments.interval_study`` call this module with ``--reduced``;
+``experiments.reduced_report`` makes the tables and plots. All trainings share one pool of
+procedural light fields, batches, steps and schedule; they differ in their network and their seed
+only. Folder of the trainings:
 
 * ``pool`` and ``held_out``: procedural light fields to train on and to score;
 * ``trainings``: a folder of :func:`occjax.training.train` for each row and seed;
@@ -11,7 +12,6 @@ their network and their seed only. Folder of the trainings:
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import sys
@@ -19,26 +19,22 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from statistics import mean, median, stdev
+from statistics import median
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
-from scipy import ndimage, stats
+from scipy import ndimage
 from tqdm import tqdm
-from tyro.conf import arg
 
 from experiments.flops import layers
-from experiments.markdown import markdown_table, write_text
 from experiments.networks import TABLE_3
-from experiments.training_rows import Training, select_rows
 from occjax.data.config import AugmentationConfig
 from occjax.data.pool import light_field_files, read_sample, render_pool
 from occjax.data.procedural import Defects, SceneConfig, Textures
 from occjax.data.samples import LightFieldSample, stack_samples
-from occjax.errors import InputError
 from occjax.estimators import run_estimator
 from occjax.estimators.factory import estimator_of
 from occjax.evaluation import evaluate
@@ -54,6 +50,7 @@ from occjax.models import (
     load_weights,
     preset,
 )
+from occjax.ops import occlusion_weights
 from occjax.training import (
     DataConfig,
     LossConfig,
@@ -68,7 +65,6 @@ from occjax.training import (
 )
 from occjax.training.data import VALIDATION_SEED
 from occjax.training.occcasnet import OccCasNetTask
-from occjax.viz.canvas import save
 
 LOGS = Path(__file__).parent / "reduced"
 """Folder of the committed logs, tables and plots."""
@@ -226,41 +222,6 @@ SEEDS = 3
 """Number of seeds of the rows of the first three questions; the other rows have one."""
 
 
-Reduced = Annotated[bool, arg(help="Networks of a reduced size; without FOLDER, committed logs.")]
-"""Type of the option ``--reduced``."""
-
-
-def run_reduced(
-    folder: Path | None,
-    questions: Sequence[str],
-    training: Training,
-    stem: str,
-    rows: Sequence[str] = (),
-) -> str:
-    """Train and score the rows of questions, and return their tables.
-
-    Args:
-        folder: Folder of the trainings; None uses the committed logs without any training.
-        questions: Names in :data:`QUESTIONS`.
-        training: Options of the command line, of which ``validate`` and ``show`` are used.
-        stem: Name of the tables and plots in the folder, without suffix.
-        rows: Rows to train; by default all.
-
-    Returns:
-        The tables as Markdown.
-
-    Raises:
-        InputError: If there is no row of a name, or see :func:`train_and_score`.
-    """
-    select_rows(rows, NETWORKS)
-    if folder is None:
-        return report(read_results(LOGS), questions)
-    if not training.show:
-        todo = [each for each in queue(questions) if not rows or each[0] in rows]
-        train_and_score(folder, todo, training.validate)
-    return write_report(folder, questions, stem)
-
-
 def queue(questions: Sequence[str]) -> Iterator[tuple[str, int]]:
     """Yield name and seed of each training, so that the finished ones are always comparable.
 
@@ -369,12 +330,16 @@ def train_and_score(
         missing = [each for each in light_fields if each.name not in done]
         if network.needs_visibility:  # known of procedural light fields only
             missing = []
-        if "procedural" in done and not missing:
+        photometric = network.stages[-1].occlusion in ("coarse", "ground_truth")
+        unweighed = photometric and not any(entry["kind"] == "weights" for entry in entries)
+        if "procedural" in done and not missing and not unweighed:
             continue
         weights = folder / "trainings" / f"{name}-{seed}" / "weights.safetensors"
         variables = load_weights(weights, network)[0]
         if "procedural" not in done:
             entries += score_patches(variables, network, held_out, config)
+        if unweighed:
+            entries.append(weight_on_hidden_views(variables, network, held_out, config))
         for light_field in missing:
             entries += _score_scene(variables, network, light_field, config)
         _write_entries(log, entries)
@@ -471,6 +436,45 @@ def score_patches(
     return [*scores, {"kind": "time", "seconds_per_megapixel": round(timing, 3)}]
 
 
+def weight_on_hidden_views(
+    variables: dict, network: OccCasNetConfig, samples: LightFieldSample, config: ReducedConfig
+) -> dict[str, Any]:
+    """Measure how well the occlusion weights of the last stage tell hidden views from others.
+
+    Args:
+        variables: Variables of the network.
+        network: Network whose last stage computes occlusion maps (eqs. 4 to 6).
+        samples: ``[n, ...]`` light fields with exact visibility.
+        config: Settings of the regions.
+
+    Returns:
+        A line of the log, of kind ``weights``: over the pixels near depth edges that a view does
+        not see, the mean fraction of these views, and the mean share of the weight that they have.
+    """
+    known = OccCasNetTask(network, LossConfig(), "float32").truth_arguments
+
+    @jax.jit
+    def weigh(sample):
+        maps = OccCasNet(network).apply(variables, sample.views, **known(sample))[-1].occlusion
+        weights, hidden = occlusion_weights(maps), (~sample.visibility).astype(jnp.float32)
+        share = (weights * hidden).sum((0, 1)) / jnp.maximum(weights.sum((0, 1)), 1e-6)
+        return hidden.mean((0, 1)), share
+
+    hidden, shares = [], []
+    for number in range(len(samples.disparity)):
+        sample = jax.tree.map(lambda values, number=number: values[number], samples)
+        fraction, share = map(np.asarray, weigh(sample))
+        truth = np.where(sample.valid, sample.disparity, np.nan)
+        counted = near_edges(truth, config) & sample.valid & (fraction > 0.0)
+        hidden.append(fraction[counted])
+        shares.append(share[counted])
+    return {
+        "kind": "weights",
+        "hidden_views": round(float(np.concatenate(hidden).mean()), 4),
+        "weight_on_hidden": round(float(np.concatenate(shares).mean()), 4),
+    }
+
+
 def _score_scene(
     variables: dict, network: OccCasNetConfig, scene: LightField, config: ReducedConfig
 ) -> list[dict[str, Any]]:
@@ -523,285 +527,3 @@ def _write_entries(log: Path, entries: Sequence[Mapping[str, Any]]) -> None:
     with atomic_path(log) as temporary:
         lines = "".join(json.dumps(entry) + "\n" for entry in entries)
         temporary.write_text(lines, encoding="utf-8")
-
-
-class Result(NamedTuple):
-    """Result of a row: its scores by seed.
-
-    Attributes:
-        name: Name of the row.
-        multiply_adds: Multiply-adds of a training step.
-        seconds: CPU seconds of an estimate per megapixel; None if unknown.
-        seeds: For each seed, scores by set, region and measure.
-        halfway: Mean BadPix 0.07 of the training batches of the first seed before half of the
-            steps, and at the end.
-    """
-
-    name: str
-    multiply_adds: int
-    seconds: float | None
-    seeds: tuple[Mapping[tuple[str, str, str], float], ...]
-    halfway: tuple[float, float] | None
-
-    def values(self, group: str, region: str, measure: str) -> list[float]:
-        """Return a score of each seed that has it."""
-        key = (group, region, measure)
-        return [scores[key] for scores in self.seeds if key in scores]
-
-
-def read_results(folder: Path) -> dict[str, Result]:
-    """Read the logs of all finished rows of a folder, by name.
-
-    Args:
-        folder: Folder with files ``ROW-SEED.jsonl``.
-
-    Raises:
-        InputError: If rows were trained with different settings.
-    """
-    found: dict[str, Result] = {}
-    configs = []
-    for name in NETWORKS:
-        logs = [read_entries(path) for path in sorted(folder.glob(f"{name}-[0-9].jsonl"))]
-        logs = [log for log in logs if any(entry["kind"] == "scores" for entry in log)]
-        if logs:
-            configs += [log[0]["config"] for log in logs]
-            times = [
-                line["seconds_per_megapixel"]
-                for log in logs
-                for line in log
-                if line["kind"] == "time"
-            ]
-            found[name] = Result(
-                name,
-                logs[0][0]["multiply_adds"],
-                median(times) if times else None,
-                tuple(_by_set(log) for log in logs),
-                _halfway(logs[0]),
-            )
-    if any(config != configs[0] for config in configs):
-        raise InputError(f"{folder}: rows were trained with different settings; train them again")
-    return found
-
-
-def _by_set(log: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], float]:
-    """Return the mean of each score over the scenes of a set, for the sets that are complete."""
-    lines = {(line["scene"], line["region"]): line for line in log if line["kind"] == "scores"}
-    scores = {}
-    for group, scenes in SETS.items():
-        for region in REGIONS:
-            if all((scene, region) in lines for scene in scenes):
-                for measure in MEASURES:
-                    values = [lines[scene, region][measure] for scene in scenes]
-                    scores[group, region, measure] = mean(values)
-    return scores
-
-
-def _halfway(log: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
-    """Return the mean BadPix 0.07 of training in the last fifth of the first half, and of all."""
-    lines = [line for line in log if line["kind"] == "train"]
-    if not lines:
-        return None
-    steps = lines[-1]["step"]
-
-    def until(last):
-        return mean(x["badpix"] for x in lines if last - 0.2 * steps < x["step"] <= last)
-
-    return until(0.5 * steps), until(steps)
-
-
-def order_stability(results: Mapping[str, Result]) -> str:
-    """Say how similar the order of the rows is at half of the steps and at the end.
-
-    All rows train on the same batches, so that their errors on these can be compared.
-    """
-    pairs = [row.halfway for row in results.values() if row.halfway is not None]
-    if len(pairs) < 3:
-        return ""
-    half, full = np.transpose(pairs)
-    rank = stats.spearmanr(half, full).statistic
-    return (
-        "Between half of the steps and the end, the mean BadPix 0.07 of the training batches "
-        f"falls from {half.mean():.1f} to {full.mean():.1f}; the rank correlation of the "
-        f"{len(pairs)} rows is {rank:.2f}."
-    )
-
-
-def spread_of_seeds(
-    results: Mapping[str, Result], group: str, region: str, measure: str
-) -> float | None:
-    """Return the standard deviation over seeds, pooled over the rows with several seeds.
-
-    Returns:
-        Root of the mean variance; None if no row has several seeds.
-    """
-    several = [row.values(group, region, measure) for row in results.values()]
-    variances = [stdev(values) ** 2 for values in several if len(values) > 1]
-    return mean(variances) ** 0.5 if variances else None
-
-
-def compare_rows(difference: float, spread: float | None) -> str:
-    """Return whether an error is ``"lower"`` or ``"higher"``, or ``"none"`` within the spread.
-
-    Example:
-        >>> compare_rows(-0.3, 0.2), compare_rows(0.1, 0.2), compare_rows(0.1, None)
-        ('lower', 'none', 'not known')
-    """
-    if spread is None:
-        return "not known"
-    if abs(difference) <= spread:
-        return "none"
-    return "lower" if difference < 0.0 else "higher"
-
-
-HEAD = (
-    *(
-        "row",
-        "seeds",
-        "multiply-adds per step",
-        "CPU s per megapixel",
-        "MSE x100",
-        "BadPix 0.07",
-        "BadPix 0.03",
-    ),
-    *("BadPix 0.01", "Q25 x100", "BadPix 0.07 at edges", "BadPix 0.07 elsewhere"),
-    *(
-        "against the first row: all, edges, elsewhere",
-        "paper's BadPix 0.07",
-        "paper against its first row",
-        "agrees",
-    ),
-)
-
-
-def question_table(results: Mapping[str, Result], question: str, group: str) -> str | None:
-    """Return the finished rows of a question on one set, as Markdown.
-
-    Args:
-        results: Results by row.
-        question: Name in :data:`QUESTIONS`.
-        group: Name in :data:`SETS`.
-
-    Returns:
-        The table; None if no row has scores on the set.
-    """
-    main = ("all", "badpix_0.07")
-    names = [name for name in QUESTIONS[question] if name in results]
-    rows = [results[name] for name in names if results[name].values(group, *main)]
-    if not rows:
-        return None
-    first = QUESTIONS[question][0]
-    lines = []
-    for row in rows:
-        cells = [f"`{row.name}`", str(len(row.values(group, *main)))]
-        cells.append(f"{row.multiply_adds / 1e9:.2f} G")
-        cells.append("" if row.seconds is None else f"{row.seconds:.1f}")
-        cells += [_with_spread(row.values(group, "all", measure)) for measure in MEASURES]
-        cells += [_with_spread(row.values(group, part, main[1])) for part in REGIONS[1:]]
-        found, paper = [], ""
-        if row.name != first and first in results:
-            for part in REGIONS:
-                own, base = (each.values(group, part, main[1]) for each in (row, results[first]))
-                if own and base:
-                    spread = spread_of_seeds(results, group, part, main[1])
-                    found.append(compare_rows(mean(own) - mean(base), spread))
-            if row.name in TABLE_3 and first in TABLE_3:
-                difference = _published(row.name) - _published(first)
-                paper = "lower" if difference < 0.0 else "higher"
-        published = f"{_published(row.name):.3f}" if row.name in TABLE_3 else ""
-        agrees = ""
-        if found and paper:
-            known = found[0] in ("lower", "higher")
-            agrees = ("yes" if found[0] == paper else "no") if known else found[0]
-        lines.append([*cells, ", ".join(found), published, paper, agrees])
-    return markdown_table(HEAD, lines, right=True)
-
-
-def report(results: Mapping[str, Result], questions: Sequence[str]) -> str:
-    """Return all tables as Markdown, one for each question and set."""
-    parts = []
-    for question in questions:
-        for group in SETS:
-            table = question_table(results, question, group)
-            if table is not None:
-                parts.append(f"### {question.capitalize()}: {group}\n\n{table}")
-    parts.append(order_stability(results) if parts else "No row is finished.")
-    return "\n\n".join(part for part in parts if part)
-
-
-def write_scores(results: Mapping[str, Result], path: Path) -> None:
-    """Write every score of every row and seed to a CSV file."""
-    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["row", "seed", "multiply_adds", "set", "region", *MEASURES])
-        for row in results.values():
-            for seed, scores in enumerate(row.seeds):
-                for group, region in dict.fromkeys((key[0], key[1]) for key in scores):
-                    values = [scores[group, region, measure] for measure in MEASURES]
-                    writer.writerow([row.name, seed, row.multiply_adds, group, region, *values])
-
-
-def figure(results: Mapping[str, Result], questions: Sequence[str], group: str) -> Figure:
-    """Plot BadPix 0.07 of each row by region, one panel for each question; a dot is a seed."""
-    shown = [
-        (question, [name for name in QUESTIONS[question] if name in results])
-        for question in questions
-    ]
-    shown = [(question, names) for question, names in shown if names]
-    heights = [len(names) + 1 for _, names in shown]
-    picture = Figure(figsize=(6.5, 0.3 * sum(heights) + 1), layout="constrained")
-    picture.set_facecolor("white")
-    panels = picture.subplots(
-        len(shown), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights}
-    )
-    colours = dict(zip(REGIONS, ("#222222", "#c0504d", "#2a6fbb"), strict=True))
-    for axes, (question, names) in zip(panels[:, 0], shown, strict=True):
-        for place, name in enumerate(names):
-            for region, colour in colours.items():
-                values = results[name].values(group, region, "badpix_0.07")
-                axes.plot(values, [place] * len(values), "o", ms=4, color=colour, alpha=0.7)
-        axes.set_yticks(range(len(names)), names)
-        axes.set_ylim(len(names) - 0.5, -0.5)
-        axes.set_title(question, loc="left", fontsize="medium")
-        axes.grid(axis="x", alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[-1, 0].set_xlabel(f"BadPix 0.07 [%] on the set {group}")
-    handles = [
-        panels[0, 0].plot([], [], "o", color=colour, label=region)[0]
-        for region, colour in colours.items()
-    ]
-    picture.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
-    return picture
-
-
-def write_report(folder: Path, questions: Sequence[str], stem: str) -> str:
-    """Read the logs of a folder, and write the tables and the plot into it.
-
-    Args:
-        folder: Folder with the logs.
-        questions: Questions to report.
-        stem: Name of the files without suffix.
-
-    Returns:
-        The tables as Markdown.
-    """
-    results = read_results(folder)
-    text = report(results, questions)
-    if results:
-        write_text(folder / f"{stem}.md", text)
-        rows = {row for question in questions for row in QUESTIONS[question]}
-        write_scores({n: r for n, r in results.items() if n in rows}, folder / f"{stem}.csv")
-        save(figure(results, questions, "procedural"), folder / f"{stem}.png")
-    return text
-
-
-def _published(name: str) -> float:
-    badpix = TABLE_3[name].badpix
-    assert badpix is not None
-    return badpix
-
-
-def _with_spread(values: Sequence[float]) -> str:
-    if not values:
-        return ""
-    shown = f"{mean(values):.2f}"
-    return shown if len(values) == 1 else f"{shown} ± {stdev(values):.2f}"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments import ablation, reduced
+from experiments import ablation, reduced, reduced_report
 from experiments.networks import small_form
 from experiments.reduced import NETWORKS, QUESTIONS, ReducedConfig
 from experiments.training_rows import Training
@@ -109,11 +109,11 @@ def test_table_compares_with_the_first_row_and_the_paper(tmp_path):
         write_log(tmp_path, "cas_2", seed, everywhere=8.0 + seed)
         write_log(tmp_path, "cas_3", seed, everywhere=10.5 + seed)
         write_log(tmp_path, "cas_4", seed, everywhere=14.0 + seed)
-    results = reduced.read_results(tmp_path)
+    results = reduced_report.read_results(tmp_path)
     # The variance of each row is 1, and so is the pooled spread.
-    spread = reduced.spread_of_seeds(results, "procedural", "all", "badpix_0.07")
+    spread = reduced_report.spread_of_seeds(results, "procedural", "all", "badpix_0.07")
     assert spread == pytest.approx(1.0)
-    table = reduced.question_table(results, "cascade at equal cost", "procedural")
+    table = reduced_report.question_table(results, "cascade at equal cost", "procedural")
     lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
     assert lines[1][:6] == ["`cas_2`", "3", "2.00 G", "", "1.00 ± 0.00", "9.00 ± 1.00"]
     assert [line[9] for line in lines] == ["50.00 ± 0.00"] * 4  # at edges
@@ -123,7 +123,7 @@ def test_table_compares_with_the_first_row_and_the_paper(tmp_path):
         ["none, none, none", "2.704", "lower", "none"],
         ["higher, none, none", "2.650", "lower", "no"],
     ]
-    assert reduced.question_table(results, "cascade at equal cost", "antinous") is None
+    assert reduced_report.question_table(results, "cascade at equal cost", "antinous") is None
 
 
 def test_report_is_written_from_the_logs_alone(tmp_path, capsys):
@@ -143,7 +143,7 @@ def test_rows_of_different_settings_are_not_compared(tmp_path):
     write_log(tmp_path, "cas_1", 0, everywhere=8.0)
     write_log(tmp_path, "cas_2", 0, everywhere=8.0, config=ReducedConfig(steps=9))
     with pytest.raises(InputError, match="different settings"):
-        reduced.read_results(tmp_path)
+        reduced_report.read_results(tmp_path)
 
 
 def test_order_at_half_of_the_steps_is_compared_with_the_end(tmp_path):
@@ -156,14 +156,14 @@ def test_order_at_half_of_the_steps_is_compared_with_the_end(tmp_path):
         ]
         with (tmp_path / f"{row}-0.jsonl").open("a") as file:
             file.writelines(json.dumps(line) + "\n" for line in lines)
-    text = reduced.order_stability(reduced.read_results(tmp_path))
+    text = reduced_report.order_stability(reduced_report.read_results(tmp_path))
     # Ranks 3 2 1 and 3 1 2: a correlation of 0.5.
     assert "falls from 26.0 to 15.0; the rank correlation of the 3 rows is 0.50." in text
 
 
 def test_a_set_without_all_its_scenes_has_no_scores(tmp_path):
     write_log(tmp_path, "cas_1", 0, everywhere=8.0, scene="s1000")
-    (row,) = reduced.read_results(tmp_path).values()
+    (row,) = reduced_report.read_results(tmp_path).values()
     assert not row.values("rendered", "all", "badpix_0.07")
     assert not row.values("procedural", "all", "badpix_0.07")
 
@@ -199,6 +199,31 @@ def test_patches_are_scored_without_their_border(monkeypatch):
     assert [line["region"] for line in lines] == ["all", "edges"]  # all is near the border
     assert [line["mse_x100"] for line in lines] == [0.25] * 2
     assert timing["seconds_per_megapixel"] >= 0.0
+
+
+def test_weight_on_hidden_views_is_their_share_of_the_weights(monkeypatch):
+    class HalfOccluded:
+        """Network whose occlusion map is 0.5 in the upper rows of views, 0 in the others."""
+
+        def __init__(self, config):
+            pass
+
+        def apply(self, variables, views):
+            upper = np.float32([0.5, 0.5, 0.0, 0.0, 0.0])
+            maps = 0.0 * views + upper[:, None, None, None]
+            return [SimpleNamespace(occlusion=maps)]
+
+    monkeypatch.setattr(reduced, "OccCasNet", HalfOccluded)
+    truth = np.zeros((1, 8, 20), np.float32)
+    truth[..., 10:] = 1.0
+    views = np.zeros((1, 5, 5, 8, 20), np.float32)
+    visible = np.ones((1, 5, 5, 8, 20), bool)
+    visible[:, 0, :, :, 9] = False  # the first row of views does not see this column
+    sample = numpy_sample(views, np.zeros((1, 5, 5, 2), np.float32), truth)
+    network = reduced.reduced_form(NETWORKS["cas_2"], CONFIG)
+    line = reduced.weight_on_hidden_views({}, network, sample._replace(visibility=visible), CONFIG)
+    # Weights (eq. 6) are 0.25 in 10 views and 1 in 15: five hidden ones have 1.25 of 17.5.
+    assert line == {"kind": "weights", "hidden_views": 0.2, "weight_on_hidden": 0.0714}
 
 
 @pytest.mark.slow
