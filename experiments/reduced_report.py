@@ -232,12 +232,12 @@ def question_table(results: Mapping[str, Result], question: str, group: str) -> 
         group: Name in :data:`SETS`.
 
     Returns:
-        The table; None if no row has scores on the set.
+        The table; None if fewer than two rows have scores on the set.
     """
     main = ("all", "badpix_0.07")
     names = [name for name in QUESTIONS[question] if name in results]
     rows = [results[name] for name in names if results[name].values(group, *main)]
-    if not rows:
+    if len(rows) < 2:
         return None
     first = QUESTIONS[question][0]
     lines = []
@@ -275,7 +275,7 @@ def report(results: Mapping[str, Result], questions: Sequence[str]) -> str:
             if table is not None:
                 parts.append(f"### {question.capitalize()}: {group}\n\n{table}")
     parts += [weights_text(results)] if parts else []
-    parts.append(order_stability(results) if parts else "No row is finished.")
+    parts.append(order_stability(results) if parts else "No two rows of a question are finished.")
     return "\n\n".join(part for part in parts if part)
 
 
@@ -311,7 +311,7 @@ def figure(results: Mapping[str, Result], questions: Sequence[str], group: str) 
         (question, [name for name in QUESTIONS[question] if name in results])
         for question in questions
     ]
-    shown = [(question, names) for question, names in shown if names]
+    shown = [(question, names) for question, names in shown if len(names) > 1]
     heights = [len(names) + 1 for _, names in shown]
     picture = Figure(figsize=(6.5, 0.3 * sum(heights) + 1), layout="constrained")
     picture.set_facecolor("white")
@@ -351,7 +351,7 @@ def write_report(folder: Path, questions: Sequence[str], stem: str) -> str:
     """
     results = read_results(folder)
     text = report(results, questions)
-    if results:
+    if any(sum(row in results for row in QUESTIONS[name]) > 1 for name in questions):
         write_text(folder / f"{stem}.md", text)
         rows = {row for question in questions for row in QUESTIONS[question]}
         write_scores({n: r for n, r in results.items() if n in rows}, folder / f"{stem}.csv")

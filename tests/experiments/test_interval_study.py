@@ -67,12 +67,15 @@ def test_figure_has_a_panel_for_each_known_measure():
 
 
 def test_reduced_study_plots_the_finished_rows(tmp_path, capsys):
-    lines = [{"kind": "row", "row": "cas_1", "multiply_adds": 1, "config": {}}]
-    scores = dict.fromkeys(MEASURES, 4.0)
-    lines += [{"kind": "scores", "scene": "procedural", "region": "all", **scores}]
-    lines += [{"kind": "time", "seconds_per_megapixel": 2.5}]
-    (tmp_path / "cas_1-0.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
-    (point,) = interval_study.run(tmp_path, Training(show=True), reduced=True)
+    for name, score in {"cas_1": 4.0, "interval_1_2": 3.0}.items():
+        lines = [{"kind": "row", "row": name, "multiply_adds": 1, "config": {}}]
+        scores = dict.fromkeys(MEASURES, score)
+        lines += [{"kind": "scores", "scene": "procedural", "region": "all", **scores}]
+        lines += [{"kind": "time", "seconds_per_megapixel": 2.5}]
+        text = "".join(json.dumps(line) + "\n" for line in lines)
+        (tmp_path / f"{name}-0.jsonl").write_text(text)
+    point, finer = interval_study.run(tmp_path, Training(show=True), reduced=True)
+    assert (finer.candidates, finer.interval, finer.scores["mse_x100"]) == (17, 0.5, 3.0)
     assert (point.candidates, point.interval, point.measured.seconds) == (9, 1.0, 2.5)
     assert point.scores == {"badpix_0.07": 4.0, "mse_x100": 4.0}
     assert "| `cas_1` | 1 |" in capsys.readouterr().out
