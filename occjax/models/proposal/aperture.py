@@ -59,6 +59,7 @@ def sector_of(offsets: Float[Array | np.ndarray, "*grid 2"]) -> Int[Array, "*gri
         the centre view is 0.
 
     Example:
+        >>> from occjax.lightfield import view_offsets
         >>> sector_of(view_offsets(3, 3)).tolist()
         [[5, 6, 7], [4, 0, 0], [3, 2, 1]]
     """
