@@ -52,7 +52,7 @@ class PackedProposals(NamedTuple):
         centre: ``[h, w]`` grey centre view, times 255.
         disparity: ``[h, w]`` refined disparity.
         proposed: ``[k, h, w]`` proposed disparities, times 4096.
-        costs: ``[k, c, h, w]`` square roots of the costs, times 255.
+        costs: ``[k, COST_CHANNELS, h, w]`` square roots of the costs, times 255.
         log_variance: ``[h, w]`` scaled logarithm of the variance of the search's candidates.
         peak_probability: ``[h, w]`` probability of the search's most likely candidate.
     """
@@ -60,7 +60,7 @@ class PackedProposals(NamedTuple):
     centre: UInt8[Array, "*b h w"]
     disparity: Float[Array, "*b h w"]
     proposed: Int16[Array, "*b k h w"]
-    costs: UInt8[Array, "*b k c h w"]
+    costs: UInt8[Array, f"*b k {COST_CHANNELS} h w"]
     log_variance: Float16[Array, "*b h w"]
     peak_probability: Float16[Array, "*b h w"]
 

@@ -37,10 +37,10 @@ class ProposalCosts(NamedTuple):
     """Costs of each proposal in [0, 1], in half precision.
 
     Attributes:
-        channels: ``[k, c, h, w]`` costs; the properties name the channels.
+        channels: ``[k, COST_CHANNELS, h, w]`` costs; the properties name the channels.
     """
 
-    channels: Float16[Array, "*b c h w"]
+    channels: Float16[Array, f"*b {COST_CHANNELS} h w"]
 
     @classmethod
     def stack(

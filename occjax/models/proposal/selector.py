@@ -16,7 +16,7 @@ from occjax.kernels.convolution import convolve_images
 from occjax.kernels.reductions import max_leading, sum_leading
 from occjax.models.proposal.config import SelectorConfig
 from occjax.models.proposal.filters import central_differences, sample_at_offsets
-from occjax.models.proposal.proposals import Proposals
+from occjax.models.proposal.proposals import COST_CHANNELS, Proposals
 from occjax.models.proposal.resolution import (
     depth_to_space,
     downsample2x,
@@ -178,11 +178,11 @@ class ProposalSelector(nn.Module):
 
 
 def proposal_cost_features(
-    costs: Float[Array, "n c h w"],
+    costs: Float[Array, f"n {COST_CHANNELS} h w"],
     change: Float[Array, "n h w"],
-    mean_costs: Float[Array, "c h w"],
+    mean_costs: Float[Array, f"{COST_CHANNELS} h w"],
     floor: float,
-) -> Float[Array, "n features h w"]:
+) -> Float[Array, f"n {2 * COST_CHANNELS + 2} h w"]:
     """Return costs relative to their mean over the proposals, absolute costs, and the change.
 
     Relative costs do not depend on the contrast of the texture.
