@@ -330,16 +330,12 @@ def train_and_score(
         missing = [each for each in light_fields if each.name not in done]
         if network.needs_visibility:  # known of procedural light fields only
             missing = []
-        photometric = network.stages[-1].occlusion in ("coarse", "ground_truth")
-        unweighed = photometric and not any(entry["kind"] == "weights" for entry in entries)
-        if "procedural" in done and not missing and not unweighed:
+        if "procedural" in done and not missing:
             continue
         weights = folder / "trainings" / f"{name}-{seed}" / "weights.safetensors"
         variables = load_weights(weights, network)[0]
         if "procedural" not in done:
             entries += score_patches(variables, network, held_out, config)
-        if unweighed:
-            entries.append(weight_on_hidden_views(variables, network, held_out, config))
         for light_field in missing:
             entries += _score_scene(variables, network, light_field, config)
         _write_entries(log, entries)
@@ -409,21 +405,24 @@ def score_patches(
         config: Settings of the regions.
 
     Returns:
-        A line of the log for each region, and one with the CPU time of this process per megapixel.
+        A line of the log for each region, one with the CPU time of this process per megapixel, and
+        one of :func:`weight_on_hidden_views` if the last stage computes occlusion maps.
     """
     known = OccCasNetTask(network, LossConfig(), "float32").truth_arguments
 
     @jax.jit
     def estimate(sample):
-        outputs = OccCasNet(network).apply(variables, sample.views, **known(sample))
-        return outputs[-1].disparity
+        last = OccCasNet(network).apply(variables, sample.views, **known(sample))[-1]
+        return last.disparity, last.occlusion
 
-    maps, seconds = [], []
+    maps, occlusion, seconds = [], [], []
     for number in range(len(samples.disparity)):
         sample = jax.tree.map(lambda values, number=number: values[number], samples)
         begin = time.process_time()
-        maps.append(np.asarray(estimate(sample)))
+        disparity_map, occlusion_maps = jax.block_until_ready(estimate(sample))
         seconds.append(time.process_time() - begin)
+        maps.append(np.asarray(disparity_map))
+        occlusion.append(occlusion_maps)
     disparity = np.stack(maps)
     timing = 1e6 * median(seconds) / maps[0].size  # the first one includes the compilation
     truth = np.where(samples.valid, samples.disparity, np.nan)
@@ -433,45 +432,34 @@ def score_patches(
     inside[:, border : truth.shape[1] - border, border : truth.shape[2] - border] = True
     stacked = (each.reshape(-1, truth.shape[2]) for each in (disparity, truth, edges, inside))
     scores = region_scores("procedural", *stacked)
-    return [*scores, {"kind": "time", "seconds_per_megapixel": round(timing, 3)}]
+    lines = [*scores, {"kind": "time", "seconds_per_megapixel": round(timing, 3)}]
+    if network.stages[-1].occlusion in ("coarse", "ground_truth"):
+        lines.append(weight_on_hidden_views(np.stack(occlusion), samples, edges))
+    return lines
 
 
 def weight_on_hidden_views(
-    variables: dict, network: OccCasNetConfig, samples: LightFieldSample, config: ReducedConfig
+    maps: np.ndarray, samples: LightFieldSample, edges: np.ndarray
 ) -> dict[str, Any]:
-    """Measure how well the occlusion weights of the last stage tell hidden views from others.
+    """Measure how well the weights of equation 6 tell hidden views from others.
 
     Args:
-        variables: Variables of the network.
-        network: Network whose last stage computes occlusion maps (eqs. 4 to 6).
+        maps: ``[n, v, u, h, w]`` occlusion maps (eqs. 4 and 5).
         samples: ``[n, ...]`` light fields with exact visibility.
-        config: Settings of the regions.
+        edges: ``[n, h, w]`` whether a pixel is near a depth edge.
 
     Returns:
         A line of the log, of kind ``weights``: over the pixels near depth edges that a view does
         not see, the mean fraction of these views, and the mean share of the weight that they have.
     """
-    known = OccCasNetTask(network, LossConfig(), "float32").truth_arguments
-
-    @jax.jit
-    def weigh(sample):
-        maps = OccCasNet(network).apply(variables, sample.views, **known(sample))[-1].occlusion
-        weights, hidden = occlusion_weights(maps), (~sample.visibility).astype(jnp.float32)
-        share = (weights * hidden).sum((0, 1)) / jnp.maximum(weights.sum((0, 1)), 1e-6)
-        return hidden.mean((0, 1)), share
-
-    hidden, shares = [], []
-    for number in range(len(samples.disparity)):
-        sample = jax.tree.map(lambda values, number=number: values[number], samples)
-        fraction, share = map(np.asarray, weigh(sample))
-        truth = np.where(sample.valid, sample.disparity, np.nan)
-        counted = near_edges(truth, config) & sample.valid & (fraction > 0.0)
-        hidden.append(fraction[counted])
-        shares.append(share[counted])
+    weights, hidden = np.asarray(occlusion_weights(jnp.asarray(maps))), ~samples.visibility
+    fraction = hidden.mean((1, 2))
+    share = (weights * hidden).sum((1, 2)) / np.maximum(weights.sum((1, 2)), 1e-6)
+    counted = edges & samples.valid & (fraction > 0.0)
     return {
         "kind": "weights",
-        "hidden_views": round(float(np.concatenate(hidden).mean()), 4),
-        "weight_on_hidden": round(float(np.concatenate(shares).mean()), 4),
+        "hidden_views": round(float(fraction[counted].mean()), 4),
+        "weight_on_hidden": round(float(share[counted].mean()), 4),
     }
 
 

@@ -235,7 +235,7 @@ def question_table(results: Mapping[str, Result], question: str, group: str) -> 
         The table; None if fewer than two rows have scores on the set.
     """
     main = ("all", "badpix_0.07")
-    names = [name for name in QUESTIONS[question] if name in results]
+    names = _finished(results, question)
     rows = [results[name] for name in names if results[name].values(group, *main)]
     if len(rows) < 2:
         return None
@@ -307,11 +307,7 @@ def write_scores(results: Mapping[str, Result], path: Path) -> None:
 
 def figure(results: Mapping[str, Result], questions: Sequence[str], group: str) -> Figure:
     """Plot BadPix 0.07 of each row by region, one panel for each question; a dot is a seed."""
-    shown = [
-        (question, [name for name in QUESTIONS[question] if name in results])
-        for question in questions
-    ]
-    shown = [(question, names) for question, names in shown if len(names) > 1]
+    shown = [(question, _finished(results, question)) for question in questions]
     heights = [len(names) + 1 for _, names in shown]
     picture = Figure(figsize=(6.5, 0.3 * sum(heights) + 1), layout="constrained")
     picture.set_facecolor("white")
@@ -351,12 +347,18 @@ def write_report(folder: Path, questions: Sequence[str], stem: str) -> str:
     """
     results = read_results(folder)
     text = report(results, questions)
-    if any(sum(row in results for row in QUESTIONS[name]) > 1 for name in questions):
+    compared = [name for name in questions if len(_finished(results, name)) > 1]
+    if compared:
         write_text(folder / f"{stem}.md", text)
         rows = {row for question in questions for row in QUESTIONS[question]}
         write_scores({n: r for n, r in results.items() if n in rows}, folder / f"{stem}.csv")
-        save(figure(results, questions, "procedural"), folder / f"{stem}.png")
+        save(figure(results, compared, "procedural"), folder / f"{stem}.png")
     return text
+
+
+def _finished(results: Mapping[str, Result], question: str) -> list[str]:
+    """Return the names of the finished rows of a question."""
+    return [name for name in QUESTIONS[question] if name in results]
 
 
 def _published(name: str) -> float:

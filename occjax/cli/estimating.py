@@ -127,7 +127,6 @@ def estimate_command(
     if weights is not None:
         find_weights(weights)
     # The rest imports JAX. A wrong argument is reported without it.
-    from occjax import programs
     from occjax.cli.scene_lists import listed_scenes
     from occjax.cli.scenes import RunOptions, estimate_scenes
     from occjax.estimators import make_estimator
@@ -150,7 +149,6 @@ def estimate_command(
             raise InputError("a video is made of the maps; add maps to --save")
     estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)
     check_writable(output)
-    programs.preload()
     html = output / "report.html" if report else None
     return estimate_scenes(
         scenes, output, estimator, view_order, camera, disparity_range, options, run, html=html

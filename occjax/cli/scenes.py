@@ -27,6 +27,7 @@ from typing import Any, NamedTuple, NoReturn
 import jax
 from tqdm import tqdm
 
+from occjax import programs
 from occjax.cli.frames import FrameReader, write_disparity_video
 from occjax.cli.options import CameraOptions, ViewOrderOptions
 from occjax.cli.resuming import complete_summary, estimator_settings, files_sha256
@@ -166,6 +167,7 @@ def estimate_scenes(
     _report_skipped(len(shared) - len(pending), shared, names)
     failed: dict[Path, str] = {}
     if pending:
+        programs.preload()
         reader = FrameReader(scenes[0], view_order) if is_video else view_order.load
         pipelines = _Pipelines(
             {scene: names[scene] for scene in pending},

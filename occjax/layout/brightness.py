@@ -148,12 +148,13 @@ def view_brightness(
     usable = present.copy()
     fall_off = np.zeros((*light_field.grid, 6))
     terms, uneven = _terms(centre.shape)[lit], 0.0
-    low_passed = np.stack([[_low_pass(view, config) for view in row] for row in light_field.views])
+    others = [index for index in map(tuple, np.argwhere(present)) if index != centre_view]
+    low_passed = np.zeros((*light_field.grid, *centre.shape), centre.dtype)
+    for index in others:
+        low_passed[index] = _low_pass(light_field.views[index], config)
     if disparity is not None:
         low_passed = _seen_from_centre(low_passed, light_field, disparity)
-    for index in map(tuple, np.argwhere(present)):
-        if index == centre_view:
-            continue
+    for index in others:
         ratio = low_passed[index][lit] / centre[lit]
         usable[index] = np.quantile(ratio, config.dark_fraction) > config.min_gain
         if usable[index]:

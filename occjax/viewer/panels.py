@@ -436,11 +436,7 @@ class PixelPanel:
                 (
                     uplot.Series(label="disparity"),
                     uplot.Series(label="all views", stroke="#4c9be8", width=2),
-                    uplot.Series(
-                        label="best part of the views",
-                        stroke=css(CENTRE),
-                        width=2,
-                    ),
+                    uplot.Series(label="best part of the views", stroke=css(CENTRE), width=2),
                     uplot.Series(label="estimate", stroke=css(MARK), width=2),
                 ),
                 scales={"x": uplot.Scale(time=False)},

@@ -187,7 +187,7 @@ def test_patches_are_scored_without_their_border(monkeypatch):
             pass
 
         def apply(self, variables, views):
-            return [SimpleNamespace(disparity=0.0 * views[2, 2] + 0.05)]
+            return [SimpleNamespace(disparity=0.0 * views[2, 2] + 0.05, occlusion=None)]
 
     monkeypatch.setattr(reduced, "OccCasNet", Constant)
     views = np.zeros((2, 5, 5, 16, 16), np.float32)
@@ -201,27 +201,17 @@ def test_patches_are_scored_without_their_border(monkeypatch):
     assert timing["seconds_per_megapixel"] >= 0.0
 
 
-def test_weight_on_hidden_views_is_their_share_of_the_weights(monkeypatch):
-    class HalfOccluded:
-        """Network whose occlusion map is 0.5 in the upper rows of views, 0 in the others."""
-
-        def __init__(self, config):
-            pass
-
-        def apply(self, variables, views):
-            upper = np.float32([0.5, 0.5, 0.0, 0.0, 0.0])
-            maps = 0.0 * views + upper[:, None, None, None]
-            return [SimpleNamespace(occlusion=maps)]
-
-    monkeypatch.setattr(reduced, "OccCasNet", HalfOccluded)
+def test_weight_on_hidden_views_is_their_share_of_the_weights():
     truth = np.zeros((1, 8, 20), np.float32)
     truth[..., 10:] = 1.0
+    edges = reduced.near_edges(truth[0], CONFIG)[None]
     views = np.zeros((1, 5, 5, 8, 20), np.float32)
     visible = np.ones((1, 5, 5, 8, 20), bool)
     visible[:, 0, :, :, 9] = False  # the first row of views does not see this column
-    sample = numpy_sample(views, np.zeros((1, 5, 5, 2), np.float32), truth)
-    network = reduced.reduced_form(NETWORKS["cas_2"], CONFIG)
-    line = reduced.weight_on_hidden_views({}, network, sample._replace(visibility=visible), CONFIG)
+    sample = numpy_sample(views, np.zeros((1, 5, 5, 2), np.float32), truth, visibility=visible)
+    maps = views.copy()
+    maps[:, :2] = 0.5  # in the upper rows of views
+    line = reduced.weight_on_hidden_views(maps, sample, edges)
     # Weights (eq. 6) are 0.25 in 10 views and 1 in 15: five hidden ones have 1.25 of 17.5.
     assert line == {"kind": "weights", "hidden_views": 0.2, "weight_on_hidden": 0.0714}
 
