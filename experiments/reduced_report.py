@@ -31,6 +31,9 @@ from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
 from occjax.viz.canvas import save
 
+MAIN = ("all", "badpix_0.07")
+"""Region and measure by which rows are compared."""
+
 Reduced = Annotated[bool, arg(help="Networks of a reduced size; without FOLDER, committed logs.")]
 """Type of the option ``--reduced``."""
 
@@ -76,6 +79,7 @@ class Result(NamedTuple):
         seeds: For each seed, scores by set, region and measure.
         weights: For each seed, the fraction of hidden views and their share of the weight, see
             :func:`weight_on_hidden_views`.
+        hours: For each seed, hours of the training.
         halfway: Mean BadPix 0.07 of the training batches of the first seed before half of the
             steps, and at the end.
     """
@@ -85,6 +89,7 @@ class Result(NamedTuple):
     seconds: float | None
     seeds: tuple[Mapping[tuple[str, str, str], float], ...]
     weights: tuple[tuple[float, float], ...]
+    hours: tuple[float, ...]
     halfway: tuple[float, float] | None
 
     def values(self, group: str, region: str, measure: str) -> list[float]:
@@ -126,6 +131,7 @@ def read_results(folder: Path) -> dict[str, Result]:
                     for line in log
                     if line["kind"] == "weights"
                 ),
+                tuple(_hours(log) for log in logs),
                 _halfway(logs[0]),
             )
     if any(config != configs[0] for config in configs):
@@ -144,6 +150,17 @@ def _by_set(log: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str], floa
                     values = [lines[scene, region][measure] for scene in scenes]
                     scores[group, region, measure] = mean(values)
     return scores
+
+
+def _hours(log: Sequence[Mapping[str, Any]]) -> float:
+    """Return the duration of the steps of a training, in hours."""
+    lines = [line for line in log if line["kind"] == "train"]
+    begins = [0, *(line["step"] for line in lines)]
+    seconds = [
+        line["seconds_per_step"] * (line["step"] - begin)
+        for line, begin in zip(lines, begins, strict=False)
+    ]
+    return sum(seconds) / 3600
 
 
 def _halfway(log: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
@@ -203,80 +220,100 @@ def compare_rows(difference: float, spread: float | None) -> str:
     return "lower" if difference < 0.0 else "higher"
 
 
-HEAD = (
-    *(
-        "row",
-        "seeds",
-        "multiply-adds per step",
-        "CPU s per megapixel",
-        "MSE x100",
-        "BadPix 0.07",
-        "BadPix 0.03",
-    ),
-    *("BadPix 0.01", "Q25 x100", "BadPix 0.07 at edges", "BadPix 0.07 elsewhere"),
-    *(
-        "against the first row: all, edges, elsewhere",
-        "paper's BadPix 0.07",
-        "paper against its first row",
-        "agrees",
-    ),
+SCORES_HEAD = (
+    *("row", "set", "MSE x100", "BadPix 0.07", "BadPix 0.03", "BadPix 0.01", "Q25 x100"),
+    *("BadPix 0.07 at edges", "BadPix 0.07 elsewhere"),
+    "BadPix 0.07 against the first row: all, at edges, elsewhere",
 )
 
 
-def question_table(results: Mapping[str, Result], question: str, group: str) -> str | None:
-    """Return the finished rows of a question on one set, as Markdown.
+def rows_table(results: Mapping[str, Result], question: str) -> str:
+    """Return the cost of the finished rows of a question next to the paper, as Markdown.
+
+    A row agrees with the paper if its BadPix 0.07 differs from that of the first row in the same
+    direction.
 
     Args:
         results: Results by row.
         question: Name in :data:`QUESTIONS`.
-        group: Name in :data:`SETS`.
-
-    Returns:
-        The table; None if fewer than two rows have scores on the set.
     """
-    main = ("all", "badpix_0.07")
-    names = _finished(results, question)
-    rows = [results[name] for name in names if results[name].values(group, *main)]
-    if len(rows) < 2:
-        return None
+    head = ["row", "seeds", "multiply-adds per step", "CPU s per megapixel"]
+    head += ["paper's BadPix 0.07", f"agrees with the paper on {', '.join(SETS)}"]
     first = QUESTIONS[question][0]
     lines = []
-    for row in rows:
-        cells = [f"`{row.name}`", str(len(row.values(group, *main)))]
-        cells.append(f"{row.multiply_adds / 1e9:.2f} G")
-        cells.append("" if row.seconds is None else f"{row.seconds:.1f}")
-        cells += [_with_spread(row.values(group, "all", measure)) for measure in MEASURES]
-        cells += [_with_spread(row.values(group, part, main[1])) for part in REGIONS[1:]]
-        found, paper = [], ""
-        if row.name != first and first in results:
-            for part in REGIONS:
-                own, base = (each.values(group, part, main[1]) for each in (row, results[first]))
-                if own and base:
-                    spread = spread_of_seeds(results, group, part, main[1])
-                    found.append(compare_rows(mean(own) - mean(base), spread))
-            if row.name in TABLE_3 and first in TABLE_3:
-                difference = _published(row.name) - _published(first)
-                paper = "lower" if difference < 0.0 else "higher"
-        published = f"{_published(row.name):.3f}" if row.name in TABLE_3 else ""
-        agrees = ""
-        if found and paper:
-            known = found[0] in ("lower", "higher")
-            agrees = ("yes" if found[0] == paper else "no") if known else found[0]
-        lines.append([*cells, ", ".join(found), published, paper, agrees])
-    return markdown_table(HEAD, lines, right=True)
+    for name in _finished(results, question):
+        row = results[name]
+        agrees = []
+        if {name, first} <= set(TABLE_3) and name != first and first in results:
+            paper = "lower" if _published(name) < _published(first) else "higher"
+            for group in SETS:
+                found = _against(row, results[first], results, group, "all")
+                known = found in ("lower", "higher")
+                agrees.append(("yes" if found == paper else "no") if known else found)
+        lines.append(
+            [
+                *(f"`{name}`", str(len(row.seeds)), f"{row.multiply_adds / 1e9:.2f} G"),
+                "" if row.seconds is None else f"{row.seconds:.1f}",
+                f"{_published(name):.3f}" if name in TABLE_3 else "",
+                ", ".join(agrees),
+            ]
+        )
+    return markdown_table(head, lines, right=True)
+
+
+def scores_table(results: Mapping[str, Result], question: str) -> str:
+    """Return the scores of the finished rows of a question on every set, as Markdown.
+
+    Args:
+        results: Results by row.
+        question: Name in :data:`QUESTIONS`.
+    """
+    names, first = _finished(results, question), QUESTIONS[question][0]
+    lines = []
+    for group in SETS:
+        for name in names:
+            row = results[name]
+            if not row.values(group, *MAIN):
+                continue
+            cells = [_with_spread(row.values(group, "all", measure)) for measure in MEASURES]
+            cells += [_with_spread(row.values(group, part, MAIN[1])) for part in REGIONS[1:]]
+            found = []
+            if name != first and first in results:
+                found = [_against(row, results[first], results, group, part) for part in REGIONS]
+            lines.append([f"`{name}`", group, *cells, ", ".join(found)])
+    return markdown_table(SCORES_HEAD, lines, right=True)
+
+
+def _against(
+    row: Result, first: Result, results: Mapping[str, Result], group: str, region: str
+) -> str:
+    """Compare the BadPix 0.07 of a row with that of another, see :func:`compare_rows`."""
+    own, other = (each.values(group, region, MAIN[1]) for each in (row, first))
+    if not own or not other:
+        return "not known"
+    spread = spread_of_seeds(results, group, region, MAIN[1])
+    return compare_rows(mean(own) - mean(other), spread)
 
 
 def report(results: Mapping[str, Result], questions: Sequence[str]) -> str:
-    """Return all tables as Markdown, one for each question and set."""
-    parts = []
-    for question in questions:
-        for group in SETS:
-            table = question_table(results, question, group)
-            if table is not None:
-                parts.append(f"### {question.capitalize()}: {group}\n\n{table}")
-    parts += [weights_text(results)] if parts else []
-    parts.append(order_stability(results) if parts else "No two rows of a question are finished.")
+    """Return the tables of all questions with several finished rows, as Markdown."""
+    rows = {name: results[name] for each in questions for name in _finished(results, each)}
+    parts = [
+        f"### {question.capitalize()}\n\n{rows_table(results, question)}\n\n"
+        f"{scores_table(results, question)}"
+        for question in questions
+        if len(_finished(results, question)) > 1
+    ]
+    if not parts:
+        return "No two rows of a question are finished."
+    parts += [weights_text(rows), order_stability(rows), hours_text(rows)]
     return "\n\n".join(part for part in parts if part)
+
+
+def hours_text(results: Mapping[str, Result]) -> str:
+    """Say how long the trainings took."""
+    hours = [each for row in results.values() for each in row.hours]
+    return f"The {len(hours)} trainings took {sum(hours):.1f} hours."
 
 
 def weights_text(results: Mapping[str, Result]) -> str:

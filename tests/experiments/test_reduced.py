@@ -113,17 +113,27 @@ def test_table_compares_with_the_first_row_and_the_paper(tmp_path):
     # The variance of each row is 1, and so is the pooled spread.
     spread = reduced_report.spread_of_seeds(results, "procedural", "all", "badpix_0.07")
     assert spread == pytest.approx(1.0)
-    table = reduced_report.question_table(results, "cascade at equal cost", "procedural")
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
-    assert lines[1][:6] == ["`cas_2`", "3", "2.00 G", "", "1.00 ± 0.00", "9.00 ± 1.00"]
-    assert [line[9] for line in lines] == ["50.00 ± 0.00"] * 4  # at edges
-    assert [line[11:] for line in lines] == [
-        ["", "2.804", "", ""],
-        ["lower, none, none", "2.511", "lower", "yes"],
-        ["none, none, none", "2.704", "lower", "none"],
-        ["higher, none, none", "2.650", "lower", "no"],
+    question = "cascade at equal cost"
+    rows = cells(reduced_report.rows_table(results, question))
+    assert rows[1][:3] == ["`cas_2`", "3", "2.00 G"]
+    assert [row[4:] for row in rows] == [
+        ["2.804", ""],
+        ["2.511", "yes, not known, not known"],
+        ["2.704", "none, not known, not known"],
+        ["2.650", "no, not known, not known"],
     ]
-    assert reduced_report.question_table(results, "cascade at equal cost", "antinous") is None
+    scores = cells(reduced_report.scores_table(results, question))
+    assert {row[1] for row in scores} == {"procedural"}
+    assert scores[1][2:4] == ["1.00 ± 0.00", "9.00 ± 1.00"]
+    assert [row[7] for row in scores] == ["50.00 ± 0.00"] * 4  # at edges
+    assert [row[9] for row in scores] == [
+        *("", "lower, none, none", "none, none, none", "higher, none, none")
+    ]
+
+
+def cells(table):
+    """Return the cells of the rows of a Markdown table."""
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()[2:]]
 
 
 def test_report_is_written_from_the_logs_alone(tmp_path, capsys):
@@ -131,8 +141,8 @@ def test_report_is_written_from_the_logs_alone(tmp_path, capsys):
     write_log(tmp_path, "cas_2_share", 0, everywhere=7.0)
     ablation.run(tmp_path, training=Training(show=True), reduced=True)
     printed = capsys.readouterr().out
-    assert "### Shared aggregation: procedural" in printed
-    assert "| not known |" in printed  # one seed has no spread
+    assert "### Shared aggregation\n" in printed
+    assert "not known, not known, not known |" in printed  # one seed has no spread
     assert (tmp_path / "ablation.md").read_text() == printed
     rows = (tmp_path / "ablation.csv").read_text().splitlines()
     assert rows[1].startswith("cas_2,0,2000000000.0,procedural,all,1.0,8.0,")
@@ -151,14 +161,16 @@ def test_order_at_half_of_the_steps_is_compared_with_the_end(tmp_path):
     for row, (half, full) in halves.items():
         write_log(tmp_path, row, 0, everywhere=8.0)
         lines = [
-            {"kind": "train", "step": step, "badpix": bad}
+            {"kind": "train", "step": step, "badpix": bad, "seconds_per_step": 36.0}
             for step, bad in ((30, 99.0), (50, half), (80, 99.0), (100, full))
         ]
         with (tmp_path / f"{row}-0.jsonl").open("a") as file:
             file.writelines(json.dumps(line) + "\n" for line in lines)
-    text = reduced_report.order_stability(reduced_report.read_results(tmp_path))
+    results = reduced_report.read_results(tmp_path)
+    text = reduced_report.order_stability(results)
     # Ranks 3 2 1 and 3 1 2: a correlation of 0.5.
     assert "falls from 26.0 to 15.0; the rank correlation of the 3 rows is 0.50." in text
+    assert reduced_report.hours_text(results) == "The 3 trainings took 3.0 hours."
 
 
 def test_a_set_without_all_its_scenes_has_no_scores(tmp_path):
