@@ -69,6 +69,26 @@ def collect_warnings() -> Iterator[list[str]]:
         del _collected.messages
 
 
+def show_phase(progress: tqdm | None, name: str) -> Callable[[str], None]:
+    """Return a function that shows the current phase on the progress bar or on its own line.
+
+    On a terminal the line is replaced by that of the next phase; in a pipe or a file each phase
+    adds a line.
+    """
+
+    def show(phase: str) -> None:
+        if progress is not None and not progress.disable:
+            progress.set_description(f"{name}: {phase}")
+        elif sys.stderr.isatty():
+            print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
+            if phase in ("writing", "failed"):
+                print("\r\033[K", end="", file=sys.stderr, flush=True)
+        elif phase != "failed":  # The error is printed too.
+            print(f"{name}: {phase}", file=sys.stderr, flush=True)
+
+    return show
+
+
 def _exit_code(command: Callable[[], int]) -> int:
     try:
         code = command()

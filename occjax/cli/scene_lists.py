@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import math
+import os
 import re
 from pathlib import Path
 
@@ -59,6 +60,30 @@ def listed_scenes(
     if not found:
         raise InputError(f"{scenes_from}: lists no scene; write one path on each line")
     return tuple(dict.fromkeys(found))
+
+
+def folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
+    """Name a folder after each scene, and after its parents where two names would collide."""
+    names: dict[Path, str] = {}
+    seen = set()
+    for scene in scenes:
+        if scene.resolve() in seen:
+            continue
+        seen.add(scene.resolve())
+        place = Path(os.path.abspath(scene))  # a link keeps its own name
+        own = (place.stem if place.is_file() else place.name) or "root"
+        candidates = [own, place.name.replace(".", "_")]
+        parents = place.parts[1:-1]
+        candidates += ["_".join([*parents[-depth:], own]) for depth in range(1, len(parents) + 1)]
+        candidates += [f"{own}_{number}" for number in range(2, len(scenes) + 2)]
+        names[scene] = next(name for name in candidates if name and name not in names.values())
+    return names
+
+
+def frame_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
+    """Number the frames of a video, with zeros in front."""
+    digits = max(4, len(str(len(scenes) - 1)))
+    return {scene: f"{number:0{digits}}" for number, scene in enumerate(scenes)}
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:

@@ -20,6 +20,7 @@ from occjax import programs
 from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
+from occjax.estimators.ranges import notes_on_limits
 from occjax.layout import check, registered
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import Warp
@@ -166,7 +167,8 @@ def run_estimator(
         with phase("occlusion", "occlusion maps"):
             maps = estimate_occlusion(light_field, result.disparity)
         result = dataclasses.replace(result, occlusion=maps)
-    return dataclasses.replace(result, seconds=seconds, light_field=given)
+    notes = (*result.notes, *notes_on_limits(result.disparity, result.disparity_range))
+    return dataclasses.replace(result, seconds=seconds, notes=notes, light_field=given)
 
 
 def _notes_on_view(light_field: LightField) -> tuple[str, ...]:

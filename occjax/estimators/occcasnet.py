@@ -11,7 +11,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
-from occjax.estimators.ranges import choose_range, estimate_from_maps
+from occjax.estimators.ranges import choose_range
 from occjax.layout import view_brightness
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import OccCasNetConfig
@@ -142,7 +142,13 @@ class OccCasNetEstimator:
 
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""
-        return estimate_from_maps(self.name, self.weights, inputs, outputs)
+        return Estimate(
+            **outputs,
+            disparity_range=inputs.disparity_range,
+            model=self.name,
+            weights=self.weights,
+            notes=inputs.notes,
+        )
 
 
 def _crop(light_field: LightField, views: tuple[int, int]) -> tuple[LightField, list[str]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
-from occjax.estimators.ranges import choose_range, estimate_from_maps
+from occjax.estimators.ranges import choose_range
 from occjax.estimators.strips import Strips, map_strips, plan_strips
 from occjax.layout import check, view_brightness
 from occjax.lightfield import LightField, centre_index, view_offsets, whole_grid
@@ -136,7 +136,13 @@ class ProposalEstimator:
 
     def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
         """Add names and notes to the maps."""
-        return estimate_from_maps(self.name, self.weights, inputs, outputs)
+        return Estimate(
+            **outputs,
+            disparity_range=inputs.disparity_range,
+            model=self.name,
+            weights=self.weights,
+            notes=inputs.notes,
+        )
 
 
 def _padded(selected: np.ndarray, count: int) -> np.ndarray:

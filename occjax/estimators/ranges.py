@@ -1,14 +1,13 @@
-"""Choice of the disparity range, and the estimate with warnings when it was too narrow."""
+"""Choice of the disparity range, and notes if it was too narrow."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
+from occjax.estimators.protocol import DisparityRange
 from occjax.layout import disparity_range_of
 from occjax.lightfield import LightField
 
@@ -78,24 +77,3 @@ def notes_on_limits(
                 "to load, which then measures the range"
             )
     return notes
-
-
-def estimate_from_maps(
-    model: str, weights: str | None, inputs: ModelInputs, maps: dict[str, Any]
-) -> Estimate:
-    """Return the estimate of a model, with the notes on its input and on the limits of the range.
-
-    Args:
-        model: Name of the estimator.
-        weights: Name of the weights, or None.
-        inputs: Input of the model.
-        maps: Its result, by the names of the attributes of :class:`Estimate`.
-    """
-    limits = notes_on_limits(maps["disparity"], inputs.disparity_range)
-    return Estimate(
-        **maps,
-        disparity_range=inputs.disparity_range,
-        model=model,
-        weights=weights,
-        notes=(*inputs.notes, *limits),
-    )

@@ -13,6 +13,7 @@ import pytest
 
 from occjax.cli import scenes
 from occjax.cli.options import ViewOrderOptions
+from occjax.cli.scene_lists import folder_names
 from occjax.data.bundled_sample import sample
 from occjax.io import read_pfm
 
@@ -173,9 +174,9 @@ def test_scenes_of_one_name_have_different_folders(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "two")
     places = [tmp_path / name for name in ("one.npy", "one.npz", "two/scene", "three/scene")]
     places += [tmp_path / "two" / ".." / "two" / "scene", tmp_path / "link"]
-    names = scenes.folder_names(tuple(places))
+    names = folder_names(tuple(places))
     assert list(names.values()) == ["one", "one_npz", "scene", "three_scene", "link"]
-    assert scenes.folder_names((Path("/"),)) == {Path("/"): "root"}
+    assert folder_names((Path("/"),)) == {Path("/"): "root"}
 
 
 def test_folder_that_cannot_be_written_is_reported_before_computing(

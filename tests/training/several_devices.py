@@ -9,6 +9,7 @@ those of one device, and resumes the checkpoint of each arrangement with the oth
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import json
 import os
 import shutil
@@ -101,9 +102,9 @@ def train_in(arrangement: Arrangement, folder: Path, steps: int, *options: str) 
             )
         )
     outputs = [worker.communicate()[0].decode() for worker in workers]
-    for worker, output in zip(workers, outputs, strict=True):
-        assert worker.returncode == 0, output[-3000:]
-    made = [json.loads(output.splitlines()[-1]) for output in outputs]
+    ends = "\n\n".join(f"process {n}: {output[-9000:]}" for n, output in enumerate(outputs))
+    assert not any(worker.returncode for worker in workers), ends
+    made = [json.loads((folder.parent / f"made-{n}.json").read_text()) for n in range(len(workers))]
     with np.load(folder.with_suffix(".npz")) as result:
         return Run(result["losses"], result["weights"], made)
 
@@ -125,6 +126,8 @@ def work(arguments: Sequence[str] | None = None, devices: int | None = None) -> 
     for name, kind in (("coordinator", str), ("processes", int), ("process", int)):
         parser.add_argument(f"--{name}", type=kind)
     given = parser.parse_args(arguments)
+    if given.processes:  # a process that hangs says where
+        faulthandler.dump_traceback_later(240)
 
     from occjax.training.hosts import HostConfig, join_processes
 
@@ -190,7 +193,8 @@ def work(arguments: Sequence[str] | None = None, devices: int | None = None) -> 
             losses=[entry["loss"] for entry in read_log(given.worker)],
             weights=np.concatenate([leaf.ravel() for leaf in leaves]),
         )
-    print("\n" + json.dumps(made))
+    numbers = given.worker.parent / f"made-{jax.process_index()}.json"
+    numbers.write_text(json.dumps(made))
 
 
 def difference(one: Run, other: Run) -> tuple[float, float]:
