@@ -33,7 +33,7 @@ def estimate_command(
         str | None,
         option(
             f"{' or '.join(ready_models())}; any other name from 'occjax weights list' needs "
-            "--weights. By default the model of the weights.",
+            "--weights. By default the model of the weights, or proposal.",
             "MODEL",
         ),
     ] = None,
@@ -41,7 +41,7 @@ def estimate_command(
         Path | None,
         option(
             "Weights: .safetensors, the published .h5 / .hdf5, or a name from 'occjax weights "
-            "list'. By default the first in that list.",
+            "list'. By default those of the model.",
             "FILE",
         ),
     ] = None,
@@ -134,8 +134,9 @@ def estimate_command(
     from occjax.io.video import check_video
     from occjax.results.outputs import output_options
 
-    nested = view_order.pattern is not None and "/" in view_order.pattern
-    scenes = listed_scenes(scenes, scenes_from, expand_folders=not nested, grid=view_order.grid)
+    scenes = listed_scenes(
+        scenes, scenes_from, expand_folders=not view_order.in_subfolders, grid=view_order.grid
+    )
     options = output_options(save, min_confidence)
     if report:
         from occjax.report.page import check_report
@@ -169,7 +170,7 @@ def demo_command(
 
         check_viser()
     from occjax.cli.running import command_line, show_phase
-    from occjax.cli.scenes import report
+    from occjax.cli.scenes import result_text
     from occjax.data.bundled_sample import sample
     from occjax.estimators import make_estimator, run_estimator
     from occjax.io.atomic import check_writable
@@ -188,7 +189,7 @@ def demo_command(
     )
     options = output_options("all", None)
     outputs = write_outputs(estimate, light_field, output, options, command=command_line())
-    print(report(light_field.name, estimate, outputs))
+    print(result_text(light_field.name, estimate, outputs))
     if view:
         from occjax.cli.viewing import view_command
 

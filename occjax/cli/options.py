@@ -107,6 +107,11 @@ class ViewOrderOptions:
         ),
     ] = None
 
+    @property
+    def in_subfolders(self) -> bool:
+        """Whether the views of a scene are in sub-folders of its folder."""
+        return "/" in (self.pattern or "")
+
     def load(self, path: Path, **options) -> LightField:
         """Read a light field that is stored this way."""
         from occjax.io.loading import load

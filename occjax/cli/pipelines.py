@@ -1,12 +1,12 @@
-"""Read, estimate and write several scenes on all devices, so that these overlap.
+"""Read, estimate and write several scenes on all devices; the three steps overlap.
 
 Each device has three threads: while one scene is estimated, a thread reads the next one, and
-another thread writes the results of the one before. Each is at most one scene ahead or behind,
-which bounds the memory. The writing thread also prints, so that reports and errors of one device
-appear in the order of its scenes.
+another thread writes the results of the one before. Reading is at most one scene ahead and writing
+at most one behind, which bounds the memory. The writing thread also prints, so that results and
+errors of one device appear in the order of its scenes.
 
-The main thread only waits, so that Ctrl-C and SIGTERM end the command at once: a running program of
-JAX cannot be interrupted. Scenes are written atomically, so nothing has to be undone.
+A running program of JAX cannot be interrupted. So the main thread only waits, and ends the process
+on Ctrl-C or SIGTERM. Scenes are written atomically, so nothing has to be undone.
 """
 
 from __future__ import annotations
@@ -36,39 +36,38 @@ FAILURES = (InputError, MemoryError, OSError, ValueError, RuntimeError)
 MAX_SECONDS_TO_FINISH_WRITING = 5.0
 """Time for the scenes that are being written when the command is interrupted."""
 
-_Read = TypeVar("_Read")
+_Loaded = TypeVar("_Loaded")
 _Result = TypeVar("_Result")
 
 
 @dataclass
-class Pipelines(Generic[_Read, _Result]):
+class Pipelines(Generic[_Loaded, _Result]):
     """Threads that read, estimate and write scenes, three for each device.
 
     Attributes:
         names: Name of each scene.
         read: Reads a scene.
         estimate: Estimates what was read; it reports its phases.
-        write: Writes a result under the name of its scene, and returns the report to print.
-        only_scene: Whether the command has no other scene; then an error of the scene is raised.
+        write: Writes a result under the name of its scene, and returns the text to print.
+        single_scene: Whether the command has one scene, whose error is then raised.
     """
 
     names: Mapping[Path, str]
-    read: Callable[[Path], _Read]
-    estimate: Callable[[_Read, ReportPhase], _Result]
+    read: Callable[[Path], _Loaded]
+    estimate: Callable[[_Loaded, ReportPhase], _Result]
     write: Callable[[str, _Result], str]
-    only_scene: bool
+    single_scene: bool
 
     def __post_init__(self) -> None:
-        """Make what the threads share."""
+        """Create what the threads share."""
         self._remaining, self._lock = iter(self.names), threading.Lock()
         self._stopped = threading.Event()
         self._cannot_write: CannotWriteError | None = None
         self._failed: dict[Path, str] = {}
         self._written = 0
         self._writing: dict[jax.Device, Future[None]] = {}
-        self._progress = tqdm(
-            total=len(self.names), unit="scene", disable=self.only_scene or None, leave=False
-        )
+        hidden = self.single_scene or None  # None: hidden unless the output is a terminal
+        self._progress = tqdm(total=len(self.names), unit="scene", disable=hidden, leave=False)
 
     def run(self) -> dict[Path, str]:
         """Read, estimate and write all scenes.
@@ -81,26 +80,26 @@ class Pipelines(Generic[_Read, _Result]):
         """
         devices = jax.local_devices()[: len(self.names)]
         threads = ThreadPoolExecutor(len(devices))
-        # The first scenes are given out here: a device that reads ahead would take another's.
+        # Otherwise a fast device could read ahead and take the first scene of a slow one.
         first = [next(self._remaining) for _ in devices]
         running = [threads.submit(self._run_on, *pair) for pair in zip(devices, first, strict=True)]
         try:
             with _termination_as_interrupt():
                 for future in wait(running, return_when=FIRST_EXCEPTION).done:
-                    future.result()
+                    future.result()  # raises the error of a thread
         except KeyboardInterrupt as interrupt:
-            self._abandon(143 if "SIGTERM" in interrupt.args else 130)
+            self._abandon(128 + (signal.SIGTERM if "SIGTERM" in interrupt.args else signal.SIGINT))
         finally:
             self._stopped.set()
             threads.shutdown()
             self._progress.close()
         if self._cannot_write is not None:
-            error, total = self._cannot_write, len(self.names)
-            if self.only_scene:
+            error = self._cannot_write
+            if self.single_scene:
                 raise error
             raise InputError(
-                f"{error.path}: cannot be written ({error.reason}); stopped after {self._written} "
-                f"of {total} scenes; free space or choose another place, then run the command again"
+                f"{error.path}: cannot be written ({error.reason}); scenes written: "
+                f"{self._written}; free space or choose another place, then run the command again"
             ) from error
         return {scene: self._failed[scene] for scene in self.names if scene in self._failed}
 
@@ -108,30 +107,30 @@ class Pipelines(Generic[_Read, _Result]):
         """Estimate one scene after the other on a device, until none remains."""
         reading_thread, writing_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
 
-        def read_next() -> tuple[Path, Future[_Read]] | None:
-            with self._lock:
-                scene = None if self._stopped.is_set() else next(self._remaining, None)
-            return None if scene is None else (scene, reading_thread.submit(read, scene))
-
-        def read(scene: Path) -> _Read:
+        def read_here(scene: Path) -> _Loaded:
             with jax.default_device(device):  # a setting of each thread
                 return self.read(scene)
 
+        def start_next() -> tuple[Path, Future[_Loaded]] | None:
+            with self._lock:
+                scene = None if self._stopped.is_set() else next(self._remaining, None)
+            return None if scene is None else (scene, reading_thread.submit(read_here, scene))
+
         try:
-            following: tuple[Path, Future[_Read]] | None
-            following = first, reading_thread.submit(read, first)
-            while following is not None and not self._stopped.is_set():
-                scene, reading = following
+            upcoming: tuple[Path, Future[_Loaded]] | None
+            upcoming = first, reading_thread.submit(read_here, first)
+            while upcoming is not None and not self._stopped.is_set():
+                scene, reading = upcoming
                 report_phase = show_phase(self._progress, self.names[scene])
                 result: _Result | Exception
                 try:
                     report_phase("reading")
                     try:
-                        read_scene = reading.result()
+                        loaded = reading.result()
                     finally:
-                        following = read_next()
+                        upcoming = start_next()
                     with jax.default_device(device):
-                        result = self.estimate(read_scene, report_phase)
+                        result = self.estimate(loaded, report_phase)
                 except FAILURES as error:
                     result = error
                 report_phase("failed" if isinstance(result, Exception) else "writing")
@@ -146,17 +145,21 @@ class Pipelines(Generic[_Read, _Result]):
             writing_thread.shutdown(cancel_futures=True)
 
     def _finish(self, scene: Path, result: _Result | Exception) -> None:
-        """Write and report a result, or report why there is none."""
+        """Write a result and print it, or print why there is none.
+
+        An error that is raised here reaches :meth:`run` through the future of the thread.
+        """
         try:
             if isinstance(result, Exception):
                 raise result
             tqdm.write(self.write(self.names[scene], result))
-            self._written += 1
+            with self._lock:
+                self._written += 1
         except CannotWriteError as error:
             self._cannot_write = error
             self._stopped.set()
         except FAILURES as error:
-            if self.only_scene:
+            if self.single_scene:
                 raise
             # Only the message of an InputError is written for users.
             kind = "" if isinstance(error, InputError) else f"{scene}: {type(error).__name__}: "
@@ -165,14 +168,14 @@ class Pipelines(Generic[_Read, _Result]):
         self._progress.update()
 
     def _abandon(self, code: int) -> NoReturn:
-        """End the process without waiting for programs that are compiled or run."""
+        """End the process without waiting for what JAX compiles or runs."""
         self._stopped.set()
         wait(list(self._writing.values()), timeout=MAX_SECONDS_TO_FINISH_WRITING)
         self._progress.close()
         with suppress(OSError):
             print(
-                f"occjax: interrupted after {self._written} of {len(self.names)} scenes; the same "
-                "command estimates the others",
+                f"occjax: interrupted; scenes written: {self._written}; the same command estimates "
+                "the others",
                 file=sys.stderr,
                 flush=True,
             )
@@ -183,7 +186,7 @@ class Pipelines(Generic[_Read, _Result]):
 @contextmanager
 def _termination_as_interrupt() -> Iterator[None]:
     """Let SIGTERM interrupt the main thread like Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():
+    if threading.current_thread() is not threading.main_thread():  # it alone handles signals
         yield
         return
 

@@ -29,24 +29,25 @@ from occjax.results.outputs import OutputOptions, Outputs, write_outputs
 
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
-    """Which of the scenes are estimated, and whether they are a video.
+    """Which scenes and which of their views are estimated.
 
     Attributes:
         overwrite: Whether scenes that are complete with the same settings are estimated again.
         share: ``(index, count)``: this process estimates every ``count``-th scene from ``index``.
-        frames_per_second: Rate of the video whose frames are the scenes; None if they are scenes.
+        fps: Frames per second of the video whose frames are the scenes; None if the scenes are
+            independent.
         view: ``(v, u)`` of the view that is estimated; None for the centre view.
         all_views: Whether the other views are estimated too.
     """
 
     overwrite: bool = False
     share: tuple[int, int] = (0, 1)
-    frames_per_second: float | None = None
+    fps: float | None = None
     view: tuple[int, int] | None = None
     all_views: bool = False
 
     def __post_init__(self) -> None:
-        """Check the share and the views."""
+        """Check share and view."""
         if self.view is not None and self.all_views:
             raise InputError("pass --view or --all-views, not both")
         index, count = self.share
@@ -55,6 +56,11 @@ class RunOptions:
                 f"the share is {index} {count}; pass the number of this process, from 0 to "
                 f"{max(count, 1) - 1}, and the number of processes"
             )
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the scenes are the frames of one video."""
+        return self.fps is not None
 
 
 def estimate_scenes(
@@ -89,13 +95,11 @@ def estimate_scenes(
         The exit code: 1 if a scene failed.
 
     Raises:
-        InputError: If the only scene fails, likewise its other errors; or if
-            results cannot be written, after which no further scene is estimated.
+        InputError: If results cannot be written; then no further scene is estimated. If there is
+            only one scene, its own error is raised, of any type.
     """
-    rate = run.frames_per_second
-    is_video = rate is not None
-    names = frame_names(scenes) if is_video else folder_names(scenes)
-    common = estimator_settings(
+    names = frame_names(scenes) if run.is_video else folder_names(scenes)
+    common_settings = estimator_settings(
         estimator,
         {
             **dataclasses.asdict(view_order),
@@ -107,68 +111,81 @@ def estimate_scenes(
             "all_views": run.all_views,
         },
     )
-    files = partial(files_sha256, nested="/" in (view_order.pattern or ""))
-    if is_video:  # The first frame decides the disparity range of all frames.
-        common["first_frame_sha256"] = files(scenes[0])
+    hash_files = partial(files_sha256, nested=view_order.in_subfolders)
+    if run.is_video:  # The first frame decides the disparity range of all frames.
+        common_settings["first_frame_sha256"] = hash_files(scenes[0])
 
     def settings(scene: Path) -> dict[str, Any]:
-        return {**common, "files_sha256": files(scene)}
+        return {**common_settings, "files_sha256": hash_files(scene)}
 
-    def completed(scene: Path) -> dict[str, Any] | None:
+    def stored_summary(scene: Path) -> dict[str, Any] | None:
+        """Return the summary of complete results with the same settings, if there are any."""
         return complete_summary(folder / names[scene], settings(scene))
 
-    def collected() -> list[Row]:
-        elsewhere = stored_failures(folder)
-        rows = []
-        for scene, name in names.items():
-            summary = None if scene in failed else completed(scene)
-            error = failed.get(scene)
-            if summary is None and scene not in shared:  # Another process may have tried.
-                error = elsewhere.get(name)
-            rows.append(row(name, scene, summary, error))
-        return rows
-
+    # Killed processes leave temporary files.
     remove_remains(folder)
     index, count = run.share
-    shared = list(names)[index::count]
-    for scene in shared:
+    own = list(names)[index::count]
+    for scene in own:
         remove_remains(folder / names[scene])
-    pending = [scene for scene in shared if run.overwrite or completed(scene) is None]
-    _report_skipped(len(shared) - len(pending), shared, names)
+    pending = [scene for scene in own if run.overwrite or stored_summary(scene) is None]
+    _print_skipped(len(own) - len(pending), own, names)
     failed: dict[Path, str] = {}
     if pending:
-        programs.preload()
-        steps = _Steps(
-            FrameReader(scenes[0], view_order) if is_video else view_order.load,
-            settings,
-            camera,
-            estimator,
-            disparity_range,
-            run.view,
-            run.all_views,
-            folder,
-            options,
+        programs.preload()  # while the first scene is read
+        steps = SceneSteps(
+            reader=FrameReader(scenes[0], view_order) if run.is_video else view_order.load,
+            settings=settings,
+            camera=camera,
+            estimator=estimator,
+            disparity_range=disparity_range,
+            view=run.view,
+            all_views=run.all_views,
+            folder=folder,
+            options=options,
         )
         failed = Pipelines(
             {scene: names[scene] for scene in pending},
-            *(steps.read, steps.estimate, steps.write),
-            only_scene=len(names) == 1,
+            read=steps.read,
+            estimate=steps.estimate,
+            write=steps.write,
+            single_scene=len(names) == 1,
         ).run()
+
+    def table_rows() -> list[Row]:
+        failed_elsewhere = stored_failures(folder)
+        rows = []
+        for scene, name in names.items():
+            summary = None if scene in failed else stored_summary(scene)
+            error = failed.get(scene)
+            if summary is None and scene not in own:  # Another process may have tried.
+                error = failed_elsewhere.get(name)
+            rows.append(row(name, scene, summary, error))
+        return rows
+
     if len(names) > 1:
-        rows = write_table(folder, collected)
-        if rate is not None and not any(entry["state"] == "missing" for entry in rows):
-            _write_video(folder, rows, rate)
+        rows = write_table(folder, table_rows)
+        # Of a missing frame, another process still makes the results.
+        if run.fps is not None and not any(entry["state"] == "missing" for entry in rows):
+            _write_video(folder, rows, run.fps)
     if html is not None:
-        places = tuple(folder / name for scene, name in names.items() if completed(scene))
-        _write_report(html, places)
+        complete = tuple(folder / name for scene, name in names.items() if stored_summary(scene))
+        _write_page(html, complete)
     if failed:
         listed = ", ".join(str(scene) for scene in failed)
         print(f"occjax: {len(failed)} of {len(names)} scenes failed: {listed}", file=sys.stderr)
     return 1 if failed else 0
 
 
-class _ReadScene(NamedTuple):
-    """A light field, what it was read from, the warnings of its reader, and the seconds it took."""
+class _LoadedScene(NamedTuple):
+    """A scene that was read.
+
+    Attributes:
+        light_field: Its light field.
+        settings: All that its results depend on.
+        warnings: Warnings of the reader.
+        seconds: Time of reading.
+    """
 
     light_field: LightField
     settings: dict[str, Any]
@@ -180,12 +197,12 @@ class _Estimated(NamedTuple):
     """The estimate of a scene."""
 
     estimate: Estimate
-    scene: _ReadScene
+    scene: _LoadedScene
 
 
 @dataclasses.dataclass(frozen=True)
-class _Steps:
-    """What is done with each scene: read it, estimate it, write the results.
+class SceneSteps:
+    """The steps of each scene: read the light field, estimate it, write the results.
 
     Attributes:
         reader: Reads a light field.
@@ -209,22 +226,23 @@ class _Steps:
     folder: Path
     options: OutputOptions
 
-    def read(self, place: Path) -> _ReadScene:
+    def read(self, path: Path) -> _LoadedScene:
         """Read a scene."""
         begin = time.perf_counter()
-        # Before its files are read: if they change then, the next call estimates the scene again.
-        settings = self.settings(place)
+        # The settings hash the files. If a file changes while it is read, the next call estimates
+        # the scene again.
+        settings = self.settings(path)
         with collect_warnings() as messages:
-            light_field = self.reader(place)
+            light_field = self.reader(path)
         calibration = self.camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
         if self.view is not None:
             light_field = with_report(light_field).around(self.view)
-        return _ReadScene(light_field, settings, messages, time.perf_counter() - begin)
+        return _LoadedScene(light_field, settings, messages, time.perf_counter() - begin)
 
-    def estimate(self, scene: _ReadScene, report_phase: ReportPhase) -> _Estimated:
+    def estimate(self, scene: _LoadedScene, report_phase: ReportPhase) -> _Estimated:
         """Estimate a scene."""
-        for message in scene.warnings:
+        for message in scene.warnings:  # here, because reading is one scene ahead
             print_warning(message)
         estimate = run_estimator(
             self.estimator,
@@ -249,7 +267,7 @@ class _Steps:
         return _Estimated(estimate, scene)
 
     def write(self, name: str, estimated: _Estimated) -> str:
-        """Write the results of a scene and return the report on it."""
+        """Write the results of a scene and return the text to print on it."""
         estimate, scene = estimated
         outputs = write_outputs(
             estimate,
@@ -259,13 +277,13 @@ class _Steps:
             command=command_line(),
             settings=scene.settings,
         )
-        return report(name, estimate, outputs)
+        return result_text(name, estimate, outputs)
 
 
-def _report_skipped(skipped: int, shared: list[Path], names: dict[Path, str]) -> None:
+def _print_skipped(skipped: int, own: list[Path], names: dict[Path, str]) -> None:
     """Say how many scenes are not estimated because their results are complete."""
     if skipped:
-        what = names[shared[0]] if len(names) == 1 else f"{skipped} of {len(shared)} scenes"
+        what = names[own[0]] if len(names) == 1 else f"{skipped} of {len(own)} scenes"
         verb = "is" if skipped == 1 else "are"
         print(
             f"{what} {verb} complete with the same settings and skipped; pass --overwrite to "
@@ -273,8 +291,8 @@ def _report_skipped(skipped: int, shared: list[Path], names: dict[Path, str]) ->
         )
 
 
-def _write_video(folder: Path, rows: list[Row], frames_per_second: float) -> None:
-    """Write the video of all frames; one that failed shows the one before."""
+def _write_video(folder: Path, rows: list[Row], fps: float) -> None:
+    """Write the video of all frames; a failed frame is replaced by the frame before it."""
     places: list[Path] = []
     for entry in rows:
         if entry["error"] is None:
@@ -283,11 +301,11 @@ def _write_video(folder: Path, rows: list[Row], frames_per_second: float) -> Non
             places.append(places[-1])
     if places:
         path = folder / "disparity.mp4"
-        write_disparity_video(path, places, frames_per_second=frames_per_second)
+        write_disparity_video(path, places, frames_per_second=fps)
         print(f"video: {len(places)} frames written to {path}")
 
 
-def _write_report(path: Path, folders: tuple[Path, ...]) -> None:
+def _write_page(path: Path, folders: tuple[Path, ...]) -> None:
     """Write the page on folders of results, if there are any."""
     if folders:
         from occjax.report.page import write_report
@@ -297,8 +315,8 @@ def _write_report(path: Path, folders: tuple[Path, ...]) -> None:
         print(f"report: {path}")
 
 
-def report(name: str, estimate: Estimate, outputs: Outputs) -> str:
-    """Return the report on a finished scene."""
+def result_text(name: str, estimate: Estimate, outputs: Outputs) -> str:
+    """Return the text that is printed on a finished scene."""
     low, high = estimate.disparity_range
     lines = [
         f"{name}: {estimate.model}"
@@ -309,7 +327,9 @@ def report(name: str, estimate: Estimate, outputs: Outputs) -> str:
     lines += [f"  note: {note}" for note in outputs.notes]
     if outputs.metrics is not None:
         lines += [f"  {line}" for line in outputs.metrics.table().splitlines()]
-    parts = (path.relative_to(outputs.folder).parts for path in outputs.paths)
-    names = dict.fromkeys(first + "/" * bool(rest) for first, *rest in parts)
-    lines.append(f"  written to {outputs.folder}: {', '.join(names)}")
+    entries = []
+    for path in outputs.paths:
+        first, *rest = path.relative_to(outputs.folder).parts
+        entries.append(f"{first}/" if rest else first)
+    lines.append(f"  written to {outputs.folder}: {', '.join(dict.fromkeys(entries))}")
     return "\n".join(lines)

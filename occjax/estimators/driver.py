@@ -159,9 +159,10 @@ def run_estimator(
         phase("compile", "loading the program"),
         programs.reporting(lambda: report_phase(compiling)),
     ):
-        compiled = _compile(programs.current_device(), estimator, *programs.signature(arguments))
+        signature = programs.signature(arguments)
+        run = _compiled_run(programs.current_device(), estimator, *signature)
     with phase("run", "estimating"):
-        outputs = jax.tree.map(np.asarray, jax.block_until_ready(compiled(*arguments)))
+        outputs = jax.tree.map(np.asarray, jax.block_until_ready(run(*arguments)))
     result = estimator.finish(inputs, outputs)
     if occlusion and result.occlusion is None:
         with phase("occlusion", "occlusion maps"):
@@ -251,10 +252,10 @@ def export_estimator(
 
 
 @programs.cached_per_device(MAX_LOADED_ESTIMATORS)
-def _compile(
+def _compiled_run(
     device: jax.Device, estimator: Any, structure: Any, shapes: tuple
 ) -> Callable[..., Any]:
-    """Compile an estimator for arguments of these shapes, or load the program that was kept."""
+    """Return ``estimator.run``, compiled for arguments of these shapes or loaded if it was kept."""
     name = program_identity(estimator)
     return programs.load_or_compile(estimator.run, structure, shapes, name, device)
 

@@ -14,6 +14,9 @@ from occjax.models.occcasnet.config import OccCasNetConfig, Warp
 from occjax.models.registry import ALIASES, ModelConfig, Precision, preset, preset_name
 from occjax.models.weights import load_weights
 
+DEFAULT_MODEL = "proposal"
+"""Model of an estimator for which neither a model nor weights are named."""
+
 TRAINING_FREE = "photometric"
 """Name of the estimator without weights."""
 
@@ -29,10 +32,11 @@ def make_estimator(
 
     Args:
         model: ``"photometric"`` (training-free), ``"proposal"`` or a network of the paper
-            (:data:`occjax.models.PRESETS`). By default the model that the weights were made for.
+            (:data:`occjax.models.PRESETS`). By default the model that the weights were made for;
+            without weights ``"proposal"``.
         weights: File of the weights, ``.safetensors`` or the published ``.h5`` / ``.hdf5``, or the
             name of weights in the package (``occjax weights list``). By default those of the
-            model's name; without a model the first in that list.
+            model's name.
         warp: ``"correct"`` or ``"transposed"`` instead of the warp of the weights' training.
         precision: Type of the convolutions, ``"float32"`` or ``"bfloat16"``.
 
@@ -47,6 +51,8 @@ def make_estimator(
         'photometric'
     """
     check_one_of("precision", precision, Precision)
+    if model is None and weights is None:
+        model = DEFAULT_MODEL
     model = model and ALIASES.get(model, model)
     chosen: Any = None if model is None else preset(model)
     if model == TRAINING_FREE:
@@ -98,7 +104,7 @@ def _weights_path(model: str | None, weights: str | Path | None) -> Path:
     if weights is not None:
         return find_weights(weights)
     for bundled in bundled_weights():
-        if model in (None, bundled.name):
+        if model == bundled.name:
             bundled.verify()
             return bundled.path
     if model == "occcasnet":

@@ -213,7 +213,7 @@ def test_a_full_disk_stops_the_command_after_the_first_scene(
     assert code == 2
     lines = [line for line in err.splitlines() if line.startswith("occjax")]
     assert len(lines) == 1
-    assert "cannot be written (no space left on device); stopped after" in lines[0]
+    assert "cannot be written (no space left on device); scenes written: " in lines[0]
     assert "Traceback" not in err
     assert len(estimated) <= 8  # of 13: each of the two devices may have begun a few more
     left = names(tmp_path / "out")
@@ -272,7 +272,7 @@ def test_interruption_ends_the_command_and_keeps_what_is_complete(folder, tmp_pa
     process.send_signal(number)
     _, err = process.communicate(timeout=120)  # not the 600 s of the scene
     assert process.returncode == code
-    assert "interrupted after 1 of 3 scenes" in err
+    assert "interrupted; scenes written: 1;" in err
     assert "Traceback" not in err
     assert names(tmp_path / "out") == ["scene1", *(f"scene1/{n}" for n in (*FILES, "summary.json"))]
 
