@@ -3,7 +3,8 @@
     python -m experiments.blender FOLDER --seeds 3010 3011 --samples 128
     python -m experiments.blender.make_sample FOLDER/s3010
 
-The second command takes seconds and writes the three files of :mod:`occjax.data.bundled_sample`.
+The first command renders one scene, of seed 3010. The second takes seconds and writes the three
+files of :mod:`occjax.data.bundled_sample`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def make_sample(
     """Write the bundled files from a rendered scene.
 
     Args:
-        scene: Folder of the scene, as the Blender kit writes it.
+        scene: Folder of a scene with 9x9 views that ``experiments.blender`` has rendered.
         folder: Folder of the files, by default that of the package.
 
     Raises:
@@ -49,7 +50,7 @@ def make_sample(
         raise InputError(f"{scene}: has no {missing}; the sample needs it")
     if light_field.grid != GRID:
         v, u = light_field.grid
-        raise InputError(f"{scene}: has {v}x{u} views; the sample has 9x9")
+        raise InputError(f"{scene}: has {v}x{u} views; the sample has {GRID[0]}x{GRID[1]}")
     with atomic_path(folder / VIEWS_FILE) as path:
         tables = [[step] * 64 for step in JPEG_STEPS]
         mosaic = join_tiles(light_field.views)

@@ -21,7 +21,7 @@ class CrossViewConfig:
     Attributes:
         tolerance: Largest difference of disparities that agree, as a fraction of the searched
             range.
-        radius: Views up to so many rows and columns away are compared.
+        radius: Largest distance of views that are compared, in rows and in columns of the grid.
         min_consistency: Consistency below which a pixel is filled from other views.
         min_confidence: Confidence that a pixel needs to fill another view.
     """
@@ -42,11 +42,12 @@ def estimate_all_views(
 ) -> ViewMaps:
     """Estimate the disparity of every view and compare the maps with each other.
 
-    View order, brightness and disparity range are measured once. Views whose furthest other view is
-    equally far share a compiled program. Only disparity and confidence of each view are kept.
+    View order, brightness and disparity range are measured once. Only disparity and confidence of
+    each view are kept.
 
-    Where the other views contradict a pixel or none confirms it, the nearest of the surfaces that
-    the neighbouring views and the centre view are certain of replaces it.
+    A pixel that the other views contradict, or that none confirms, takes the largest disparity (the
+    foreground) of which a neighbouring view or the centre view is certain there. It keeps its
+    confidence.
 
     Args:
         estimator: From :func:`make_estimator`, or any :class:`Estimator`.
@@ -76,7 +77,7 @@ def estimate_all_views(
     usable = check(light_field).brightness.usable
     shape = (*light_field.grid, *light_field.image_size)
     disparity, confidence = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)
-    indices = _by_reach(usable)
+    indices = _by_distance(usable)
     searched: list[DisparityRange] = []
     for number, view in enumerate(indices, 1):
 
@@ -94,28 +95,19 @@ def estimate_all_views(
     report_phase("comparing the views")
     low, high = min(low for low, _ in searched), max(high for _, high in searched)
     tolerance = config.tolerance * (high - low)
-    # Displacements of badly rectified views are ignored: their maps keep their own pixels.
+    # Of the registration, the positions are used and the shifts are not: the map of each view has
+    # the pixels of the view as it is stored.
     offsets = registered(light_field)[0].offsets.astype(np.float32)
-
-    def compared() -> tuple[np.ndarray, np.ndarray]:
-        agreeing, consistency = _compared(
-            np.where(np.isnan(disparity), np.float32(0.0), disparity),
-            np.float32(tolerance),
-            offsets,
-            usable,
-            radius=config.radius,
-        )
-        return np.asarray(agreeing), np.asarray(consistency)
-
-    agreeing, consistency = compared()
-    certain = (consistency >= config.min_consistency) & (confidence >= config.min_confidence)
-    filled = _fill(disparity, certain, consistency < config.min_consistency, offsets, usable)
+    comparison = (np.float32(tolerance), offsets, usable)
+    agreeing, consistency = _compare(disparity, *comparison, radius=config.radius)
+    sources = (consistency >= config.min_consistency) & (confidence >= config.min_confidence)
+    filled = _fill(disparity, sources, consistency < config.min_consistency, offsets, usable)
     if filled.any():
-        agreeing, consistency = compared()
+        agreeing, consistency = _compare(disparity, *comparison, radius=config.radius)
     return ViewMaps(disparity, confidence, consistency, agreeing, filled, offsets, tolerance)
 
 
-def _by_reach(usable: np.ndarray) -> list[tuple[int, int]]:
+def _by_distance(usable: np.ndarray) -> list[tuple[int, int]]:
     """Return the usable views, the centre view first, ordered by their distance from it.
 
     Views at the same distance have the same number of candidates, so they use the same program one
@@ -128,16 +120,16 @@ def _by_reach(usable: np.ndarray) -> list[tuple[int, int]]:
 
 def _fill(
     disparity: np.ndarray,
-    certain: np.ndarray,
+    sources: np.ndarray,
     uncertain: np.ndarray,
     offsets: np.ndarray,
     usable: np.ndarray,
 ) -> np.ndarray:
-    """Replace uncertain disparities, in place, by what other views are certain of.
+    """Replace uncertain disparities, in place, by those of other views.
 
     Args:
         disparity: ``[V, U, H, W]`` maps, which are changed.
-        certain: ``[V, U, H, W]`` pixels that may fill others.
+        sources: ``[V, U, H, W]`` pixels that may fill others.
         uncertain: ``[V, U, H, W]`` pixels to fill.
         offsets: ``[V, U, 2]`` offset of each view.
         usable: ``[V, U]`` views that have a map.
@@ -145,16 +137,17 @@ def _fill(
     Returns:
         ``[V, U, H, W]`` pixels that were filled.
     """
-    source = np.where(certain, disparity, np.nan)
+    source = np.where(sources, disparity, np.nan)
     filled = np.zeros(disparity.shape, bool)
     centre = centre_index(usable.shape)
     for view in map(tuple, np.argwhere(usable)):
-        nearest = np.full(disparity.shape[2:], -np.inf, np.float32)
+        foreground = np.full(disparity.shape[2:], -np.inf, np.float32)
         for other in map(tuple, np.argwhere(usable)):
-            if other != view and (max(np.abs(np.subtract(other, view))) == 1 or other == centre):
-                _splat(nearest, source[other], offsets[view] - offsets[other])
-        filled[view] = uncertain[view] & np.isfinite(nearest)
-        disparity[view][filled[view]] = nearest[filled[view]]
+            adjacent = np.abs(np.subtract(other, view)).max() == 1
+            if adjacent or (other == centre and other != view):
+                _splat(foreground, source[other], offsets[view] - offsets[other])
+        filled[view] = uncertain[view] & np.isfinite(foreground)
+        disparity[view][filled[view]] = foreground[filled[view]]
     return filled
 
 
@@ -168,8 +161,22 @@ def _splat(target: np.ndarray, disparity: np.ndarray, offset: np.ndarray) -> Non
     np.maximum.at(target, (row[inside], column[inside]), d[inside])
 
 
+def _compare(
+    disparity: np.ndarray,
+    tolerance: np.float32,
+    offsets: np.ndarray,
+    usable: np.ndarray,
+    *,
+    radius: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many other views agree with each pixel, and the consistency of each pixel."""
+    maps = np.where(np.isnan(disparity), np.float32(0.0), disparity)
+    agreeing, consistency = _counts(maps, tolerance, offsets, usable, radius=radius)
+    return np.asarray(agreeing), np.asarray(consistency)
+
+
 @programs.kept
-def _compared(disparity, tolerance, offsets, usable, *, radius):
+def _counts(disparity, tolerance, offsets, usable, *, radius):
     from occjax.ops import cross_view_counts
 
     counts = cross_view_counts(

@@ -1,4 +1,4 @@
-"""A thread that does the newest work of each kind."""
+"""A thread that keeps only the newest waiting task of each kind."""
 
 from __future__ import annotations
 
@@ -30,13 +30,15 @@ class LatestWorker:
         self._thread.start()
 
     def submit(self, kind: str, task: Callable[[], object]) -> None:
-        """Run a task soon, in place of a waiting one of this kind."""
+        """Queue a task; it replaces a waiting task of the same kind."""
         with self._changed:
             self._tasks[kind] = task
             self._changed.notify_all()
 
     def superseded(self, kind: str, seconds: float) -> bool:
-        """Wait, and return as soon as a newer task of this kind, or any other task, is waiting.
+        """Wait until a task is waiting, and say whether it makes the running one superfluous.
+
+        A running task calls this before slow work.
 
         Args:
             kind: Kind of the running task.
@@ -76,10 +78,10 @@ class LatestWorker:
                 self._changed.wait_for(lambda: self._tasks or self._closed)
                 if self._closed:
                     return
-                kind = next(iter(self._tasks))
+                kind = next(iter(self._tasks))  # the one that has waited longest
                 task = self._tasks.pop(kind)
                 self._running = True
             try:
                 task()
-            except Exception:  # one picture fails; the viewer stays open
+            except Exception:  # a failed task must not stop the viewer
                 traceback.print_exc()

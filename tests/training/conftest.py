@@ -24,13 +24,16 @@ NETWORK = OccCasNetConfig(
         widths=(4, 4), blocks=(1, 1), dilations=(1, 1), pooled=(2,), pooled_width=2, fused=4
     ),
 )
-"""Both kinds of stages in as few layers as possible: these tests spend most time compiling."""
+"""A first stage, and one with residuals and occlusion weights, in as few layers as possible.
+
+These tests spend most of their time compiling.
+"""
 
 PROPOSAL_NETWORK = preset("proposal_small", selector=SelectorConfig(8, (8,)))
 
 
 def planes(step, count=2, size=(12, 14)):
-    """Return a batch of planes, a function of the step."""
+    """Return a batch of planes; the step is the random seed."""
     generator = np.random.default_rng(step)
     fields = [
         plane(size=size, disparity=generator.uniform(-1.2, 1.2), seed=generator.integers(10**6))
@@ -46,7 +49,10 @@ def planes(step, count=2, size=(12, 14)):
 
 
 def prepared_batch(count=2, size=(16, 16), seed=4):
-    """Return random proposals, of which one at a known place is correct at every pixel."""
+    """Return ten random proposals for each pixel; number 3 is correct and has low costs.
+
+    Costs are stored as 255 times their square root.
+    """
     generator = np.random.default_rng(seed)
     truth = generator.uniform(-1.0, 1.0, (count, *size)).astype(np.float32)
     proposed = truth[:, None] + generator.choice([-0.4, 0.3], (count, 10, *size))

@@ -64,7 +64,8 @@ class FeatureNetwork(nn.Module):
 
         Args:
             images: ``[n, h, w, 1]`` grey images in [0, 1].
-            train: Whether BatchNorm uses the statistics of these images and of the batch.
+            train: Whether BatchNorm uses the statistics of the images and of the vmapped batch,
+                instead of the running averages.
 
         Returns:
             ``[n, h, w, channels]`` features.
@@ -86,7 +87,7 @@ class FeatureNetwork(nn.Module):
                 x = ResidualBlock(
                     width,
                     dilation,
-                    # As published: the first block of groups 2 and later has a shortcut
+                    # As published: the first block of every group but the first has a shortcut
                     # convolution, even if the width does not change.
                     projected=block == 0 and group > 0,
                     dtype=self.dtype,

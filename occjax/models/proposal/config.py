@@ -85,10 +85,10 @@ class SearchConfig:
             edge by a factor e.
         temperature: Cost difference that reduces the probability of a candidate by a factor e. It
             affects confidence and standard deviation, not disparity.
-        context_radius_px: Radius of the edge-aware mean of the costs, in pixels of the search. Along
-            the surface that was found, the mean decides between neighbouring candidates; where the
-            images are noisy, it is also added to the costs, because noisy surfaces without texture
-            need many pixels. 0 disables both.
+        context_radius_px: Radius of the edge-aware mean of the costs, in pixels of the search.
+            Where the images are noisy, it is added to the costs, because noisy surfaces without
+            texture need many pixels. Along the surface that is found, it decides between
+            neighbouring candidates. 0 disables both.
         context_edge: Grey difference that bounds this mean.
     """
 
