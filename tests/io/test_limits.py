@@ -35,14 +35,14 @@ def jpeg(path, width, height):
     """Write a small JPEG, and replace the size in its header."""
     Image.fromarray(VIEWS[0, 0]).save(path)
     data = path.read_bytes()
-    place = data.index(b"\xff\xc0") + 5
+    place = data.index(b"\xff\xc0") + 5  # after the marker, the length and the bits per sample
     path.write_bytes(data[:place] + struct.pack(">HH", height, width) + data[place + 4 :])
 
 
 def bmp(path, width, height):
     Image.fromarray(VIEWS[0, 0]).save(path)
     data = path.read_bytes()
-    path.write_bytes(data[:18] + struct.pack("<ii", width, height) + data[26:])
+    path.write_bytes(data[:18] + struct.pack("<ii", width, height) + data[26:])  # of the header
 
 
 def tiff(path, width, height):
@@ -58,7 +58,7 @@ def exr(path, width, height):
     OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, planes).write(str(path))
     data = path.read_bytes()
     window = struct.pack("<4i", 0, 0, 3, 3)
-    assert data.count(window) == 2
+    assert data.count(window) == 2  # data window and display window
     path.write_bytes(data.replace(window, struct.pack("<4i", 0, 0, width - 1, height - 1)))
 
 
@@ -68,16 +68,19 @@ def radiance(path, width, height):
 
 @pytest.mark.parametrize("write", [png, jpeg, bmp, tiff, exr, radiance])
 @pytest.mark.parametrize(
-    ("width", "height", "words"),
-    [(26947, 17232, "OCCJAX_MAX_IMAGE_PIXELS"), (16000, 10000, "which is damaged")],
+    ("width", "height", "message"),
+    [
+        pytest.param(26947, 17232, "OCCJAX_MAX_IMAGE_PIXELS", id="above the limit"),
+        pytest.param(16000, 10000, "which is damaged", id="too many for the size of the file"),
+    ],
 )
 def test_an_image_of_false_size_is_refused_by_its_header(
-    tmp_path, monkeypatch, write, width, height, words
+    tmp_path, monkeypatch, write, width, height, message
 ):
     path = tmp_path / f"a.{'hdr' if write is radiance else write.__name__}"
     write(path, width, height)
-    monkeypatch.setattr(np, "empty", None)  # what decoders allocate their result with
-    with pytest.raises(InputError, match=f"claims .*{words}"):
+    monkeypatch.setattr(np, "empty", None)  # decoders call it; the header is refused before
+    with pytest.raises(InputError, match=f"claims .*{message}"):
         read_image(path)
 
 
@@ -132,7 +135,7 @@ def test_arrays_in_other_files_are_refused(tmp_path):
 
 
 def test_a_heap_with_an_object_of_no_size_is_refused(tmp_path):
-    """The HDF5 library does not end on it."""
+    """The HDF5 library would loop forever."""
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
         file["LF"] = VIEWS
@@ -157,7 +160,7 @@ def pipe(path):
 def test_only_regular_files_are_opened(tmp_path, make, name):
     make(tmp_path / name)
     reader = read_pfm if name == "a.pfm" else load
-    options = {} if name != "a.png" else {"grid": (2, 2)}
+    options = {"grid": (2, 2)} if name == "a.png" else {}
     with pytest.raises(InputError, match=r"is a pipe or a device|folder|no images"):
         reader(tmp_path / name, **options)
 
