@@ -112,8 +112,10 @@ def test_archives_that_unpack_to_more_than_the_limit_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"claims 3.89 GB of data, more than the limit of 2.15 GB"):
         read_arrays(path)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in ("views", "usable"):  # 61 MB each, which alone is allowed in any file
-            archive.writestr(f"{name}.npy", npy_header((9, 9, 250, 1000, 3)))
+        # 61 MB each, which is allowed in any file, but not 122 MB in this one.
+        header = npy_header((9, 9, 250, 1000, 3))
+        archive.writestr("views.npy", header + bytes(9 * 9 * 250 * 1000 * 3))
+        archive.writestr("usable.npy", header)
     with pytest.raises(InputError, match=r"GB of data in a file of .* bytes"):
         read_arrays(path)
 
