@@ -169,10 +169,11 @@ def _compare(
     *,
     radius: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many other views agree with each pixel, and the consistency of each pixel."""
-    maps = np.where(np.isnan(disparity), np.float32(0.0), disparity)
+    """Return how many other views agree with each pixel, and its consistency; 0 without a map."""
+    known = np.isfinite(disparity)
+    maps = np.where(known, disparity, np.float32(0.0))
     agreeing, consistency = _counts(maps, tolerance, offsets, usable, radius=radius)
-    return np.asarray(agreeing), np.asarray(consistency)
+    return known * np.asarray(agreeing), known * np.asarray(consistency)
 
 
 @programs.kept
