@@ -81,7 +81,7 @@ def packed_convolution(
     rows, columns, _, k = kernel.shape
     if rows == columns == 1:
         return jnp.einsum("nhwc,ck->nhwk", images, kernel[0, 0])
-    packed = min(PACKED_CHANNELS // max(k, 1), PACKED_CHANNELS)  # pixels per block
+    packed = PACKED_CHANNELS // max(k, 1)  # pixels per block
     radius = dilation * (columns // 2)
     if packed < 2 or radius > packed or images.size == 0:
         return plain_convolution(images, kernel, dilation)

@@ -41,7 +41,7 @@ _POINTS = (Fraction(0), Fraction(3, 4), Fraction(-3, 4), Fraction(4, 3), Fractio
 
 
 def _combinations() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the linear combinations of filter ``[6, 3]``, input ``[6, 6]``, products ``[4, 6]``.
+    """Return the matrices that combine filter ``[6, 3]``, input ``[6, 6]``, products ``[4, 6]``.
 
     The product of two polynomials, of degrees three and two, can be interpolated from its values at
     six points. This computes the convolution of their coefficients (Toom and Cook). The transpose

@@ -31,7 +31,7 @@ MIN_FILTERED_CHANNELS = 16
 """Smallest number of channels for which minimal filtering is faster than a direct convolution."""
 
 CHANNEL_ALIGNMENT = 8
-"""Number of channels, of which a GPU's matrix units process multiples without a copy."""
+"""A GPU's matrix units process multiples of this number of channels without a copy."""
 
 
 def convolve_volume(
@@ -63,10 +63,10 @@ def _at_once(
     """Convolve with all planes of the kernel in one convolution; with XLA's derivatives."""
     d, h, w, c = volume.shape
     k = kernel.shape[-1]
-    more_inputs, more_results = -c % CHANNEL_ALIGNMENT, -3 * k % CHANNEL_ALIGNMENT
-    volume = jnp.pad(volume, ((0, 0), (0, 0), (0, 0), (0, more_inputs)))
+    input_padding, result_padding = -c % CHANNEL_ALIGNMENT, -3 * k % CHANNEL_ALIGNMENT
+    volume = jnp.pad(volume, ((0, 0), (0, 0), (0, 0), (0, input_padding)))
     kernel = kernel.transpose(1, 2, 3, 0, 4).reshape(3, 3, c, 3 * k)
-    kernel = jnp.pad(kernel, ((0, 0), (0, 0), (0, more_inputs), (0, more_results)))
+    kernel = jnp.pad(kernel, ((0, 0), (0, 0), (0, input_padding), (0, result_padding)))
     planes = plain_convolution(volume, kernel)[..., : 3 * k].reshape(d, h, w, 3, k)
     planes = jnp.pad(planes, ((1, 1), (0, 0), (0, 0), (0, 0), (0, 0)))
     planes = planes.astype(accumulation_dtype(planes))
@@ -127,9 +127,10 @@ def _gradient_by_slices(
     volume = jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0)))
 
     def add_slice(total: Array, pair: tuple[Array, Array]):
-        depth, gradient = pair
-        slices = jax.lax.dynamic_slice_in_dim(volume, depth, 3)
-        return total + jnp.stack([kernel_gradient(each, gradient, (3, 3)) for each in slices]), None
+        index, slice_gradient = pair
+        slices = jax.lax.dynamic_slice_in_dim(volume, index, 3)
+        terms = [kernel_gradient(each, slice_gradient, (3, 3)) for each in slices]
+        return total + jnp.stack(terms), None
 
     pairs = jnp.arange(len(gradient)), gradient
     total, _ = jax.lax.scan(add_slice, jnp.zeros(shape, accumulation_dtype(gradient)), pairs)

@@ -64,9 +64,9 @@ def cross_view_difference(
         InputError: If the maps are not two maps of the same size.
 
     Example:
-        >>> near = jnp.array([[0.0, 0.0, 1.0, 0.0, 0.0]])  # a point moves left in the view to the
-        >>> moved = jnp.array([[0.0, 1.0, 0.0, 0.0, 0.0]])  # right, and hides what is behind it
-        >>> cross_view_difference(near, moved, jnp.array([0.0, 1.0])).tolist()
+        >>> centre = jnp.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
+        >>> right = jnp.array([[0.0, 1.0, 0.0, 0.0, 0.0]])  # the near point hides column 1
+        >>> cross_view_difference(centre, right, jnp.array([0.0, 1.0])).tolist()
         [[0.0, 1.0, 0.0, 0.0, 0.0]]
     """
     disparity, other, offset = as_coordinates(disparity, other, offset)
@@ -96,7 +96,7 @@ def cross_view_counts(
     Args:
         disparity: ``[v, u, h, w]`` disparity map of each view, pixels per view step.
         tolerance: Largest difference of disparities that agree, pixels per view step.
-        radius: Views up to so many rows and columns away are compared.
+        radius: Largest distance of views that are compared, in rows and in columns of the grid.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in view
             steps; a regular grid by default.
         usable: ``[v, u]`` False for views that have no map; all by default.

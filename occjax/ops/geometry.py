@@ -147,7 +147,8 @@ def _difference(
 ) -> tuple[Float[Array, "h w 3"], Bool[Array, "h w"]]:
     """Return the difference along an axis, over the sides where the surface continues.
 
-    The second result is False where it continues on neither side.
+    It spans one or two pixels and is not divided by them: only its direction affects the normal.
+    The second result is False where the surface continues on neither side.
     """
     step = jnp.diff(points, axis=axis)
     size = points.shape[axis] - 1
@@ -172,8 +173,8 @@ def in_double(
 ) -> np.ndarray:
     """Evaluate a function of a map and its camera in double precision.
 
-    Single precision loses digits here: depth and normals are differences of nearly equal numbers,
-    of inverse depths and of neighbouring points.
+    Depth depends on a difference of inverse depths, normals on differences of neighbouring points.
+    In single precision, these differences of nearly equal numbers lose digits.
 
     Args:
         function: Function such as :func:`depth_from_disparity`; compiled once per camera and shape.

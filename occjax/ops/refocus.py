@@ -117,8 +117,8 @@ def all_in_focus(
     Args:
         views: ``[v, u, h, w, c]`` images in [0, 1], floating point.
         disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
-        offsets: See :func:`refocus`.
-        weights: See :func:`refocus`.
+        offsets: ``[v, u, 2]`` offsets of the views, see :func:`refocus`.
+        weights: ``[v, u]`` weights of the views, see :func:`refocus`.
 
     Returns:
         ``[h, w, c]`` image.

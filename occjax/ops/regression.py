@@ -23,8 +23,8 @@ def soft_argmin(
 ) -> Float[Array, "h w"]:
     """Compute the differentiable sub-pixel position of the lowest cost (eq. 9).
 
-    ``sum_k candidate_k * softmax(-cost)_k``. Pass the negative of a score (high is good), which is
-    what the published network's output is. The gradient of cost k is
+    ``sum_k candidate_k * softmax(-cost)_k``. The published network returns scores, of which the
+    highest is the best: pass their negative. The gradient of cost k is
     ``-p_k * (candidate_k - disparity)``, with p the softmax; it vanishes where one candidate has
     all of the probability.
 

@@ -275,7 +275,8 @@ def coarse_volume_means(
         lower = jnp.floor(target)
         inside = [(tap >= 0) & (tap < size) for tap in (lower, lower + 1)]
         weights = (1 - (target - lower), target - lower)
-        total = sum(jnp.where(*each, 0) for each in zip(inside, weights, strict=True))
+        terms = zip(inside, weights, strict=True)
+        total = sum(jnp.where(valid, weight, 0) for valid, weight in terms)
         return (total / size).astype(features.dtype)
 
     rows, columns = mean_weights(h, offsets[..., 0]), mean_weights(w, offsets[..., 1])
