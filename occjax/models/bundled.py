@@ -65,7 +65,7 @@ def bundled_weights() -> tuple[BundledWeights, ...]:
 
 
 def is_intact(path: Path) -> bool:
-    """Return whether a file is one of those in the package, unchanged, by its checksum.
+    """Return whether a file is that of weights in the package and has their checksum.
 
     Args:
         path: An existing file.

@@ -56,7 +56,7 @@ def save_weights(
     _check_fit(path, tensors, variable_shapes(config))
     description = {**(metadata or {}), "config": config_to_json(config)}
     with atomic_path(path) as temporary:
-        # Written by Python, whose errors say which file and why.
+        # Written by Python: unlike those of safetensors, its errors say which file and why.
         temporary.write_bytes(save(tensors, metadata=description))
 
 
@@ -127,7 +127,7 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
     with decoder_errors(path, "the configuration of a model of this version", remedy=remedy):
         config = config_from_json(metadata["config"])
     flat = convert_legacy_names(flat)
-    if not is_intact(path):  # to trace the shapes of the variables takes a second
+    if not is_intact(path):  # weights in the package skip the check, which takes a second
         if isinstance(config, OccCasNetConfig) and config.depth > len(flat):
             raise InputError(f"{path}: has fewer arrays than its model has layers; {remedy}")
         with decoder_errors(path, "weights of a model that can be built", remedy=remedy):

@@ -120,7 +120,8 @@ def group_by_layer(
         if match is None:
             raise InputError(f"{path}: the network has no weight like {name}")
         layers, number = numbered[match["layer"]], int(match["number"] or 0)
-        layers.setdefault(number, (name.rpartition("/")[0], {}))[1][match["weight"]] = value
+        _, arrays = layers.setdefault(number, (name.rpartition("/")[0], {}))
+        arrays[match["weight"]] = value
     return {kind: [layers[n] for n in sorted(layers)] for kind, layers in numbered.items()}
 
 

@@ -140,16 +140,16 @@ def rows_of_strip(height: int, width: int, halo: int, dtype: DTypeLike = jnp.flo
     Returns:
         The height if one strip suffices; at least 1.
     """
-    on_gpu = MAX_STRIP_BYTES_GPU // jnp.dtype(dtype).itemsize
-    read = (MAX_STRIP_PIXELS_CPU if _is_on_cpu() else on_gpu) // width
-    if height <= read:
+    max_pixels_gpu = MAX_STRIP_BYTES_GPU // jnp.dtype(dtype).itemsize
+    max_rows = (MAX_STRIP_PIXELS_CPU if _is_on_cpu() else max_pixels_gpu) // width
+    if height <= max_rows:
         return height
-    strips = math.ceil(height / max(1, read - 2 * halo))
+    strips = math.ceil(height / max(1, max_rows - 2 * halo))
     return math.ceil(height / strips)
 
 
 def _fits_one_strip(height: int, width: int, config: OccCasNetConfig, dtype: DTypeLike) -> bool:
-    """Return whether the image is one strip of a GPU, which computes each volume at once."""
+    """Return whether a GPU computes the image as one strip, with no volume divided."""
     halo = max(stage.aggregation.halo for stage in config.stages)
     return rows_of_strip(height, width, halo, dtype) == height and not _is_on_cpu()
 

@@ -87,7 +87,7 @@ def fetch_published_weights(
 
 
 def git_blob_id(content: bytes) -> str:
-    """Return the git blob id of a file's content: SHA-1 of ``blob SIZE``, a zero byte and it.
+    """Return the git blob id of a file's content: SHA-1 of ``blob SIZE``, a zero byte, the content.
 
     Returns:
         40 hexadecimal digits, as ``git hash-object`` prints them.

@@ -7,22 +7,21 @@ order. Its working set fits into the processor's cache, and it needs half of the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from occjax.kernels.minimal_filtering import (
     OUTPUT_ROWS,
+    ReadRows,
     convolve_rows,
     row_kernels,
     rows_between_zeros,
 )
 from occjax.models.occcasnet.config import AggregationConfig
 from occjax.models.occcasnet.layers import BATCH_NORM_EPSILON
-
-ReadRows = Callable[[Int[Array, ""]], Float[Array, "6 d w c"]]
 
 
 def aggregate_rows(

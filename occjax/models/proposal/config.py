@@ -120,7 +120,7 @@ class RefinementConfig:
         view_variation: Standard deviation of grey between views that neither noise nor disparity
             explains, for example by highlights and vignetting.
         min_gradient: Grey gradient per pixel that every view is assumed to have at least. It keeps
-            pixels without texture where they are and gives them a small weight in the planes.
+            the disparity of pixels without texture, and gives them a small weight in the planes.
     """
 
     steps: int = 3
@@ -180,8 +180,8 @@ class SelectorConfig:
 
     Attributes:
         width: Channels of the convolutions that are applied to each proposal, at half resolution.
-        context: Channels of the convolutions over all proposals of a pixel: at half resolution,
-            and at half of that for each further entry.
+        context: Channels of the convolutions over all proposals of a pixel, one entry for each
+            level: the first has half resolution, each further one half of that before it.
         window: Distance from the most likely proposal within which proposals are averaged. A small
             window does not mix two surfaces.
         cost_floor: Cost below which differences between proposals are noise.
@@ -222,11 +222,12 @@ class PlanarConfig:
 
     Attributes:
         deviation: Expected deviation of a pixel on well-textured surfaces from the plane.
-        noise_factor: Factor on the variance of the disparity of a pixel that is added to it.
+        noise_factor: Factor on the variance of the disparity of a pixel; the expected deviation is
+            ``hypot(deviation, noise_factor * variance)``, at most ``max_deviation``.
         max_deviation: Largest expected deviation.
         samples: Samples of the disparity along the longer side of the image.
         seed_step: Spacing of the seeds of planes, in samples.
-        radii: Radii of the neighbourhood from which a plane grows, in samples.
+        radii: Radii of the neighbourhoods that a growing plane is fitted to in turn, in samples.
         steps: Steps of robust least squares with each radius.
         first_tolerance: Deviation, in expected deviations, that reduces the weight of a pixel by
             ``exp(-1 / 2)`` in the first steps.
@@ -267,8 +268,8 @@ class ConfidenceConfig:
     Attributes:
         sufficient_certainty: Certainty of the search above which the confidence is that of the
             selection. Below it, nothing tells the proposals apart.
-        edge_step: Range of the disparities of 3x3 pixels at which the confidence without a selector
-            is halved: which of the surfaces at a depth edge a pixel shows is not known.
+        edge_step: Largest minus smallest disparity of 3x3 pixels at which the confidence is halved.
+            Without a selector, it is not known which surface a pixel at a depth edge shows.
     """
 
     sufficient_certainty: float = 0.1
@@ -326,8 +327,8 @@ PRESETS: dict[str, ProposalNetConfig] = {
     "proposal_large": ProposalNetConfig(selector=SelectorConfig(64, (64, 64, 96, 96))),
     # Without a selector that corrects depth edges, full resolution and all views are better:
     # BadPix 0.07 of HCI antinous 3.2 % instead of 4.0 %, of the bundled sample 7.3 % instead of
-    # 8.7 %. The penalties are those of twice as many pixels along a path. The context mean blurs
-    # depth edges at full resolution.
+    # 8.7 %. The penalties are doubled, because a path sums the costs of twice as many pixels. The
+    # context mean blurs depth edges at full resolution.
     "photometric": ProposalNetConfig(
         search=SearchConfig(
             downsampling=1,

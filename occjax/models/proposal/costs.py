@@ -263,10 +263,10 @@ def best_part(sums: Float[Array, "8 h w"], counts: Float[Array, " 8"]) -> Float[
         >>> float(best_part(sums, jnp.ones(8))[0, 0])
         0.0
     """
-    views = jnp.tensordot(jnp.asarray(_PARTS, sums.dtype), counts, 1, precision="highest")
+    part_counts = jnp.tensordot(jnp.asarray(_PARTS, sums.dtype), counts, 1, precision="highest")
     # A quarter of a grid of one row may be empty.
-    penalty = jnp.where(views > 0, 0.0, jnp.inf).astype(sums.dtype)
-    factors = 1 / jnp.maximum(views, 1e-9)
+    penalty = jnp.where(part_counts > 0, 0.0, jnp.inf).astype(sums.dtype)
+    factors = 1 / jnp.maximum(part_counts, 1e-9)
 
     def mean(part: int) -> Float[Array, "h w"]:
         # Unrolled, all parts are computed in one pass over memory.

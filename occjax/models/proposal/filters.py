@@ -284,7 +284,7 @@ def _edge_aware_sums(
 def _decaying_sums(
     rows: Float[Array, "h m w"], decay: Float[Array, "i w"]
 ) -> Float[Array, "h m w"]:
-    """Sum along each column in both directions; ``decay`` ``[h - 1, w]`` weighs row to row."""
+    """Sum along each column in both directions; ``decay`` ``[h - 1, w]`` is the factor per row."""
     return jax.lax.platform_dependent(rows, decay, cpu=_scan_rows, default=_scan_halves)
 
 

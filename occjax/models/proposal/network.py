@@ -62,7 +62,7 @@ class ProposalOutput(NamedTuple):
         refined: ``[h, w]`` disparity after the refinement by planes.
         confidence: ``[h, w]`` in [0, 1]; 1 is certain.
         standard_deviation: ``[h, w]`` standard deviation of the last step's probabilities.
-        selection: Selection before the final median; None without a selector.
+        selection: Selection before median filters and planes; None without a selector.
     """
 
     disparity: Float[Array, "h w"]
@@ -236,8 +236,8 @@ class ProposalNet(nn.Module):
         assert self.config.selector is not None
         probabilities = softmax_leading(self.selector(proposals))
         change = proposals.proposed - proposals.disparity[None]
-        likeliest = jnp.argmax(probabilities, axis=0, keepdims=True)
-        likeliest = jnp.take_along_axis(change, likeliest, axis=0)
+        index = jnp.argmax(probabilities, axis=0, keepdims=True)
+        likeliest = jnp.take_along_axis(change, index, axis=0)
         # The factor keeps proposals at exactly this distance despite rounding.
         near = jnp.abs(change - likeliest) <= 1.001 * self.config.selector.window
         averaged = jnp.where(near, probabilities, 0.0)
@@ -275,20 +275,20 @@ def variable_shapes(config: ProposalNetConfig) -> dict:
     if config.selector is None:
         return {}
 
-    def zeros(*shape, dtype=jnp.float32):
+    def maps(*shape, dtype=jnp.float32):
         size = (config.size_multiple,) * 2
         return jax.ShapeDtypeStruct((*shape, *size), dtype)
 
-    # Only the selector has variables, and to trace the other steps takes seconds.
+    # Only the selector has variables. It is traced alone: tracing the other steps takes seconds.
     count = len(config.proposals.offsets) + 2
-    costs = ProposalCosts(zeros(count, COST_CHANNELS, dtype=jnp.float16))
-    proposals = Proposals(zeros(), zeros(), zeros(count), costs, zeros(), zeros())
+    costs = ProposalCosts(maps(count, COST_CHANNELS, dtype=jnp.float16))
+    proposals = Proposals(maps(), maps(), maps(count), costs, maps(), maps())
     init = partial(ProposalNet(config).init, method="select")
     return dict(jax.eval_shape(init, jax.random.key(0), proposals))
 
 
 def _smoothness(disparity: Float[Array, "h w"], edge_step: float) -> Float[Array, "h w"]:
-    """Return 1 where the disparities of 3x3 pixels are equal, 1/2 where they differ by a step."""
+    """Return 1 where 3x3 disparities are equal, 1/2 where they differ by ``edge_step``."""
 
     def extreme(initial: float, combine: Callable[[Array, Array], Array]) -> Array:
         return jax.lax.reduce_window(disparity, initial, combine, (3, 3), (1, 1), "SAME")
@@ -302,8 +302,9 @@ def selection_confidence(
 ) -> Float[Array, "h w"]:
     """Return the probability of all proposals close to the selected disparity.
 
-    Where several proposals are equal, their entropy is meaningless. Where the search, of which
-    ``certainty`` is given, has found nothing, all of them are equal, and the confidence is low.
+    Equal proposals are counted together, which the entropy of the proposals would not do. Where the
+    search found nothing (``certainty`` near 0), all proposals may share one wrong disparity;
+    therefore the probability is reduced there.
     """
     assert config.selector is not None
     distance = jnp.abs(selection.proposed - selection.disparity[None])

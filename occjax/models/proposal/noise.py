@@ -162,7 +162,8 @@ def texture_weight(
     """
     along_y, along_x = central_differences(jax.lax.stop_gradient(image))
     variance = box_filter(jnp.square(along_y) + jnp.square(along_x), config.window_radius_px)
-    # A central difference, half of that of two pixels, has half the variance; there are two.
+    # A central difference, half of that of two pixels, has half the variance of the noise, so that
+    # the sum of both has the variance of the noise.
     noise = config.texture_margin * jnp.square(level)
     texture = jnp.clip(1 - noise / jnp.maximum(variance, jnp.finfo(image.dtype).tiny), 0.0, 1.0)
     return jax.lax.stop_gradient(1 - noise_weight(level, config) * (1 - texture))

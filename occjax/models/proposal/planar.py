@@ -5,10 +5,11 @@ error after the selection varies slowly: view-dependent shading moves the textur
 by one or two hundredths of a pixel, at every spatial frequency. No comparison of the views within
 that region can remove it. A plane that is fitted to the whole surface averages it.
 
-Planes start at a grid of seeds and grow: weighted least squares, in which a pixel counts the less
-the larger its deviation from the plane is, with increasing radii. Two tests reject the tangential
-planes of curved surfaces. Around them are many pixels that deviate a little, around a planar
-surface almost none. And a quadratic function explains most of their deviations.
+Planes start at a grid of seeds and grow: they are fitted by weighted least squares to
+neighbourhoods of increasing radius. The weight of a pixel falls with its deviation from the plane.
+Two tests reject the tangent planes of curved surfaces. Around a tangent plane are many pixels that
+deviate a little, around a planar surface almost none. And a quadratic function explains much of the
+deviations from a tangent plane.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Planes(NamedTuple):
     Attributes:
         coefficients: ``[n, 3]`` disparity at the first pixel, and its change along x and y over an
             eighth of the longer side of the image.
-        area: ``[n]`` area in pixels that no larger plane has; 0 for a plane that is not used.
+        area: ``[n]`` number of its pixels that no larger plane has; 0 for a plane that is not used.
     """
 
     coefficients: Float[Array, "n 3"]

@@ -88,7 +88,7 @@ def refine_disparity(
     max_step: Float[Array, ""] | float,
     offsets: Float[Array, "v u 2"] | None = None,
 ) -> Refined:
-    """Refine a disparity map by information-weighted planes through Lucas-Kanade steps.
+    """Refine a disparity map by Lucas-Kanade steps, each followed by a fit of weighted planes.
 
     The weight of a view, ``w_k = exp(-r^2 / noise)`` with r^2 the mean of squared residuals in a
     3x3 window, suppresses views in which the point is occluded or glossy. The noise is the median
@@ -173,9 +173,9 @@ def refinement_features(
     """Return the derivatives of grey, and grey itself as far as noise hides the derivatives.
 
     Without noise, derivatives are more reliable: they are not affected by vignetting and by the
-    broad part of highlights. Noise spoils them first, since it is fine while much of the remaining
-    shading of a blank wall is broad. Therefore grey is weighted by the ratio of the variances: the
-    noise of a derivative over noise and variation of grey.
+    broad part of highlights. But noise affects derivatives more than grey, because it is fine, and
+    the shading that remains on a blank wall is broad. Therefore grey is weighted by the ratio of
+    two variances: that of the noise of a derivative, and that of noise and variation of grey.
 
     Args:
         views: ``[v, u, h, w]`` grey views.

@@ -70,12 +70,13 @@ def search(
     Returns:
         Disparity, costs and probabilities, downsampled as configured.
     """
-    settings, in_pixels = config.search, candidates
+    settings = config.search
+    shifts = candidates  # in pixels of the search
     if settings.downsampling == 2:
-        grey, in_pixels = grey._replace(views=downsample2x(grey.views)), candidates / 2
-    level = noise_level(grey.views, in_pixels, config.noise, offsets=grey.offsets)
+        grey, shifts = grey._replace(views=downsample2x(grey.views)), candidates / 2
+    level = noise_level(grey.views, shifts, config.noise, offsets=grey.offsets)
     costs = photometric_costs(
-        grey.views, in_pixels, level, config.costs, config.noise, offsets=grey.offsets
+        grey.views, shifts, level, config.costs, config.noise, offsets=grey.offsets
     )
     vignetted = vignette_mask(grey.centre, config.exposure.vignette)
     costs = jnp.where(vignetted[None], 0.0, costs)
@@ -143,8 +144,8 @@ def along_surfaces(
 ) -> Float[Array, "i j"]:
     """Minimise the context mean of the costs again, along the surface that was found.
 
-    The neighbours are displaced by the same amount as the pixel itself. Vignetted pixels keep the
-    disparity that the paths carried there.
+    Each change is added to the disparity of every pixel of the neighbourhood. Vignetted pixels keep
+    the disparity that the paths carried there.
     """
     changes = candidate_spacing(candidates) * jnp.linspace(-2.0, 2.0, 5, dtype=candidates.dtype)
     displaced = disparity[None] + changes[:, None, None]

@@ -32,8 +32,8 @@ _he_normal = nn.initializers.he_normal()  # for layers before a ReLU (He et al.,
 class ImageConv(nn.Module):
     """3x3 convolution of images ``[N, H, W, C]``, zero padding, with bias, without normalisation.
 
-    A batch on a CPU is a few light fields. Statistics over so few would tell the layers which light
-    fields they are, and that information is missing at inference.
+    A batch on a CPU is a few light fields. With batch statistics, the result of a light field would
+    depend on the few others of its batch, which do not exist at inference.
 
     Attributes:
         channels: Number of output channels.
@@ -146,8 +146,8 @@ class ProposalSelector(nn.Module):
 
         def score(compared):
             leave = ImageConv(width, dtype=self.dtype, name="leave")
-            score = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
-            return score(nn.relu(leave(compared) + others))
+            dense = nn.Dense(4, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
+            return dense(nn.relu(leave(compared) + others))
 
         scores = depth_to_space(_map_pairs(self, score, compared))[..., 0].astype(jnp.float32)
         bias = nn.initializers.constant(config.initial_bias)
@@ -204,8 +204,8 @@ def proposal_source_features(
     """Return the similarity of a pixel to the source of each proposal and the source's certainty.
 
     The seven maps: grey difference, sum of grey differences on the line to the source, whether the
-    source is a neighbour, the two spread maps of the source, the cost of the source's own
-    disparity, and the fraction of proposals that agree.
+    source is a neighbour, log variance and peak probability of the search at the source, the cost
+    of the source's own disparity, and the fraction of proposals that agree.
     """
     centre, proposed = proposals.centre, proposals.proposed
     contrast = path_contrasts(centre, sources)
@@ -254,11 +254,11 @@ def path_contrasts(centre: Float[Array, "h w"], offsets: Offsets) -> Float[Array
     index, before, after = (np.array(column, np.int32) for column in zip(*steps, strict=True))
 
     def add(sums, step):
-        index, *corners = step
-        one, other = (jax.lax.dynamic_slice(padded, tuple(at), centre.shape) for at in corners)
+        index, *starts = step
+        one, other = (jax.lax.dynamic_slice(padded, tuple(at), centre.shape) for at in starts)
         return sums.at[index].add(jnp.abs(other - one)), None
 
-    # The unrolled loop would take a fifth of the time to compile the network.
+    # An unrolled loop would account for a fifth of the time to compile the network.
     sums = jnp.zeros((len(offsets), *centre.shape), centre.dtype)
     return jax.lax.scan(add, sums, (index, before + radius, after + radius))[0]
 
@@ -275,8 +275,8 @@ def line_pixels(offset: tuple[int, int]) -> list[tuple[int, int]]:
 def _map_pairs(module: nn.Module, function: Callable[..., Array], *stacks: Array) -> Array:
     """Apply layers to two proposals at a time, with the same parameters.
 
-    On a CPU, XLA convolves two twice as fast as ten at once. A loop needs 0.6 of the memory of
-    the same layers written once per pair, and is compiled in 0.6 of the time.
+    On a CPU, XLA convolves proposals twice as fast in pairs as ten at once. A loop needs 0.6 of the
+    memory of the same layers written once per pair, and is compiled in 0.6 of the time.
     """
 
     def body(_, carry: None, pair: tuple[Array, ...]) -> tuple[None, Array]:
