@@ -168,7 +168,7 @@ def _damaged(path: Path, reason: str) -> InputError:
 
 
 class _Repeated(logging.Filter):
-    """Drops logged errors about a folder, which are raised as well."""
+    """Drops logged errors that are raised as well: all while active, then those on the folder."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()

@@ -120,9 +120,9 @@ class TrainConfig:
         ema_decay: Decay of the exponential moving average of weights and statistics, which is
             validated and written to the weights files; 0 uses the last weights.
         precision: Type of the convolutions; parameters stay float32.
-        accumulate: Number of micro-batches per step. Their gradients are added up, so that the
-            memory of a step is that of one micro-batch, and each is computed twice, which takes a
-            third more time (:func:`occjax.training.step.train_step`).
+        accumulate: Number of micro-batches per step, whose gradients are added up. The memory of a
+            step is that of one micro-batch. The time is a third longer, because the forward pass is
+            computed twice (:func:`occjax.training.step.train_step`).
         rematerialise: Whether only the results of convolutions are kept for the gradients and
             everything else is computed again: less memory, more time.
         seed: Seed of the initial weights.

@@ -100,8 +100,8 @@ def _prepared(config: DataConfig, folder: Path, network: ModelConfig) -> BatchSo
     )
     pools = config.pools if config.pool_share > 0.0 else ()
     folders = config.folders if config.folder_share > 0.0 else ()
-    known = bool(pools or folders) and config.procedural_share == 0.0
-    if not isinstance(network, ProposalNetConfig) or not known:
+    only_files = bool(pools or folders) and config.procedural_share == 0.0
+    if not isinstance(network, ProposalNetConfig) or not only_files:
         raise InputError(
             "data.prepared needs the proposal network, and pools or folders as its only data; pass "
             "--recipe proposal, --data.pools or --data.folders, and --data.procedural-share 0"

@@ -37,7 +37,8 @@ def join_processes(config: HostConfig) -> None:
             f"the processes that train together are not found ({reason}); pass --coordinator "
             "HOST:PORT --processes N --process I, the same HOST:PORT to all of them"
         ) from error
-    # On CPUs, the first exchange waits 30 s for the others: now, before any of them compiles.
+    # On CPUs, the first exchange waits at most 30 s for the others. It is made before any of them
+    # compiles.
     multihost_utils.sync_global_devices("joined")
 
 
@@ -106,7 +107,10 @@ class Votes:
         self._before: jax.Array | None = None
 
     def __call__(self, *votes: bool) -> tuple[bool, ...]:
-        """Return, for each vote, whether a process has voted for it, here or in the step before."""
+        """Return, for each vote, whether any process has voted for it.
+
+        With several processes, the votes are those of the step before.
+        """
         if self._sharding.is_fully_addressable:
             return votes
         mine = np.tile(np.array(votes), (jax.local_device_count(), 1))

@@ -39,7 +39,7 @@ class Log:
         kept = [entry for entry in read_log(folder) if entry["step"] <= first_step]
         with atomic_path(self._path) as temporary:
             temporary.write_text("".join(_line(entry) for entry in kept), encoding="utf-8")
-        # Without a buffer, which a full disk would leave to be written at the end.
+        # Unbuffered: a full disk is then reported with the line, not at the end of the training.
         self._file = self._path.open("ab", buffering=0)
         with suppress(ImportError):  # without tensorboardX there is the file only
             self._board = _Board(folder / TENSORBOARD, first_step)

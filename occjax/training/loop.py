@@ -211,7 +211,7 @@ def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) 
 
 
 class _Steps:
-    """Steps, and what happens to those whose loss is not finite.
+    """The steps; those whose loss or gradient is not finite are refused.
 
     The metrics of a step are read when the next one has been started. If a step is refused, the
     next one therefore returns the state before both.
@@ -417,7 +417,7 @@ class _Meter:
 
 @contextmanager
 def _requests_to_stop() -> Iterator[list[int]]:
-    """Yield the list of SIGINT or SIGTERM, empty until one comes; a second one interrupts."""
+    """Yield the list of received SIGINT and SIGTERM; a second signal raises KeyboardInterrupt."""
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received

@@ -142,8 +142,8 @@ def prepared_source(
         folder: Folder of the prepared light fields; created if it does not exist.
         network: Network that computes the proposals; its selector does not matter.
         batch_size: Light fields per step.
-        seed: Seed of order, patches and symmetries. In a new folder also the seed of tone and
-            noise, which then do not change with the seed.
+        seed: Seed of order, patches and symmetries. A new folder stores it as its seed of grey
+            weights, tone and noise; these do not change if the folder is used with another seed.
         augmentation: How light fields are varied.
         patches: Choice of the patches.
         scenes: Scenes from :func:`occjax.data.scenes.load_scenes`, with the views of the network.
@@ -174,7 +174,7 @@ def prepared_source(
 
     whole = dataclasses.replace(augmentation, crop=None)  # other crops share a compiled program
 
-    items = [shuffled(count, seed) for count in parts.values()]
+    orders = [shuffled(count, seed) for count in parts.values()]
 
     def prepared(part: str, number: int) -> PreparedSample:
         path = folder / f"{part}{number:06d}.npz"
@@ -190,16 +190,17 @@ def prepared_source(
 
     def light_field(drawn: int) -> PreparedSample:
         before, after = (shares(present, total) for total in (drawn, drawn + 1))
+        # The source whose number of samples grows by this draw.
         index = int(np.argmax(np.subtract(after, before)))
-        return prepared(list(parts)[index], items[index](before[index]))
+        return prepared(list(parts)[index], orders[index](before[index]))
 
-    how = network.proposals.offsets, augmentation, patches or PatchConfig()
+    patch_options = network.proposals.offsets, augmentation, patches or PatchConfig()
 
     def source(step: int, rows: slice = ALL_ROWS, /) -> PreparedSample:
         samples = []
         for drawn in sample_numbers(step, rows, batch_size):
             generator = np.random.default_rng((seed, drawn))
-            samples.append(random_patch(generator, light_field(drawn), *how))
+            samples.append(random_patch(generator, light_field(drawn), *patch_options))
         return jax.tree.map(lambda *fields: jnp.asarray(np.stack(fields)), *samples)
 
     return source
@@ -299,15 +300,15 @@ def transform_prepared(
         "flip_rows": -sectors,
         "flip_columns": SECTORS // 2 - sectors,
     }
-    order = np.empty_like(sectors)
-    order[turned_sectors[symmetry] % SECTORS] = sectors
+    sector_order = np.empty_like(sectors)
+    sector_order[turned_sectors[symmetry] % SECTORS] = sectors
     sample = jax.tree.map(lambda field: transform_images(field, symmetry), sample)
     proposed, costs = sample.packed.proposed, ProposalCosts(sample.packed.costs)
-    proposals = np.arange(len(proposed))
+    order = np.arange(len(proposed))
     for number, offset in enumerate(offsets, start=1):
-        proposals[number] = 1 + offsets.index(tuple(transform_offsets(np.array(offset), symmetry)))
-    turned = costs.permute_sectors(order).channels[proposals]
-    packed = sample.packed._replace(proposed=proposed[proposals], costs=turned)
+        order[number] = 1 + offsets.index(tuple(transform_offsets(np.array(offset), symmetry)))
+    turned = costs.permute_sectors(sector_order).channels[order]
+    packed = sample.packed._replace(proposed=proposed[order], costs=turned)
     return sample._replace(packed=packed)
 
 

@@ -130,7 +130,7 @@ def selection_errors(
     error = penalty(selection.disparity - truth, kind=config.penalty, width=config.width)
     errors = {"disparity": weighted_sum(error, weight)}
     if config.distribution > 0.0:
-        # The selection is not to blame for an accuracy that no proposal reaches.
+        # Relative to the most accurate proposal: the selection cannot be better than that one.
         accurate = (selection.probabilities * accuracy).sum(0) / jnp.maximum(accuracy.max(0), 1e-3)
         errors["distribution"] = weighted_sum(-jnp.log(jnp.maximum(accurate, 1e-6)), weight)
     return {**errors, "badpix": bad_pixels(selection.disparity, truth, valid, config.border)}

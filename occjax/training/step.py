@@ -104,7 +104,7 @@ def train_step(
 ) -> tuple[TrainState, dict[str, Array]]:
     """Update the weights once.
 
-    BatchNorm uses the statistics of the whole batch, on however many devices it lies. With
+    BatchNorm uses the statistics of the whole batch, also if several devices share it. With
     ``config.accumulate`` above 1 it normalises each micro-batch with the statistics of that
     micro-batch, on all devices together, and the running statistics move once, to the mean of
     those of the micro-batches. Models without BatchNorm get the gradient of the whole batch, up to
@@ -121,10 +121,10 @@ def train_step(
         placement: Devices that share the batch; None is one device, or leaves it to JAX.
 
     Returns:
-        The state after the step, and the metrics of the batch before it: ``loss``; the errors of
-        the model's task, such as ``disparity_0``; ``badpix``, the percentage of pixels with an
-        error above 0.07; ``gradient_norm``, before clipping; ``applied``, whether the state has
-        changed.
+        The state after the step, and the metrics of the batch with the weights before the step:
+        ``loss``; the errors of the model's task, such as ``disparity_0``; ``badpix``, the
+        percentage of pixels with an error above 0.07; ``gradient_norm``, before clipping;
+        ``applied``, whether the state has changed.
 
     Example:
         >>> import numpy as np
