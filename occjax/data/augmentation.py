@@ -103,9 +103,10 @@ def random_symmetry(
         )
     drawn = jax.random.bernoulli(key, shape=(3,))
     for symmetry, happens in zip(get_args(Symmetry), drawn, strict=True):
-        if turns if symmetry == "transpose" else flips:
-            turn = partial(transform_sample, symmetry=symmetry)
-            sample = jax.lax.cond(happens, turn, lambda same: same, sample)
+        allowed = turns if symmetry == "transpose" else flips
+        if allowed:
+            transform = partial(transform_sample, symmetry=symmetry)
+            sample = jax.lax.cond(happens, transform, lambda same: same, sample)
     return sample
 
 

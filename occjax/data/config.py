@@ -18,7 +18,8 @@ class AugmentationConfig:
             probability 1/2.
         turns: Whether grid and views are transposed with probability 1/2; views or crops must then
             be square. With flips, all eight symmetries of a square are equally likely.
-        gamma: Largest gamma of the brightness; drawn log-uniformly from ``[1 / gamma, gamma]``.
+        gamma: Largest exponent of the grey values; drawn log-uniformly from
+            ``[1 / gamma, gamma]``.
         contrast: Largest contrast factor about mid-grey; drawn log-uniformly from
             ``[1 / contrast, contrast]``.
         brightness: Largest grey value that is added or subtracted, in [0, 1].

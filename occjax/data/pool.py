@@ -128,7 +128,7 @@ def pool_source(
 
 
 def shuffled(count: int, seed: int) -> Callable[[int], int]:
-    """Return the item of each draw: all items in random order, then in another one, and so on.
+    """Return a function from a draw to its item: all items in random order, then in a new order.
 
     Example:
         >>> item = shuffled(3, seed=0)

@@ -19,7 +19,7 @@ from occjax.lightfield import to_unit_float
 from occjax.view_selection import ViewSelection, select_from_grid
 
 MASK = "mask.png"
-"""Optional image in a scene's folder: ground truth is ignored where it is not black."""
+"""Optional image in a scene's folder: ground truth is ignored where the image is not black."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def _find_scenes(folder: Path) -> list[Path]:
         return [folder]
     with reading(folder):
         inner = sorted(path.parent for path in folder.glob(f"*/{GROUND_TRUTH}"))
-        folder.stat()
+        folder.stat()  # an error if the folder is missing, in which glob finds nothing
     if not inner:
         raise InputError(
             f"{folder}: neither it nor a folder in it has {GROUND_TRUTH}, which training needs"

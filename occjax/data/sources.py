@@ -183,8 +183,8 @@ def mixture(parts: Mapping[Source, float]) -> Source:
     def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
         requested, before = range(batch_size())[rows], 0
         pieces: list[LightFieldSample] = []
-        first, last = (shares(weights, number * batch_size()) for number in (step, step + 1))
-        for stream, start, stop in zip(streams, first, last, strict=True):
+        starts, stops = (shares(weights, number * batch_size()) for number in (step, step + 1))
+        for stream, start, stop in zip(streams, starts, stops, strict=True):
             # Rows ``before`` to ``before + stop - start`` of the batch come from this source.
             skipped = max(requested.start - before, 0)
             end = min(stop, start + requested.stop - before)

@@ -52,7 +52,8 @@ def draw_materials(
     detail_contrast = jnp.where(contrast > 0.0, jnp.minimum(detail_strength, contrast), 0.0)
     tone = draws.uniform(0.04, 0.9)
     like_wall = draws.chance(config.similar)
-    # Solids of a group look like the first one, and some objects look like the wall.
+    # Solids of a group look like the first one. Some surfaces look like wall 1, which fills the
+    # image, or like wall 0 if that is the only one.
     first_solid = count - config.solids
     leader = jnp.concatenate([jnp.arange(first_solid), first_solid + group])
     appearance = jnp.where(like_wall[leader], min(1, config.walls - 1), leader)

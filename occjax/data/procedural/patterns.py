@@ -62,22 +62,23 @@ def textures(
     duty = draws.uniform(-0.7, 0.7)
     stripes = jnp.tanh(sharpness * (_wave(x) - duty))
     checks = jnp.tanh(sharpness * _wave(x)) * jnp.tanh(sharpness * _wave(y))
-    tone = _cell_values(x, y)
-    size = draws.uniform(0.2, 0.48) * jnp.where(draws.chance(0.5), 1.0, 0.6 + 0.4 * tone)
-    inside = jnp.hypot(x - jnp.floor(x) - 0.5, y - jnp.floor(y) - 0.5)
-    dots = jnp.tanh(3.0 * sharpness * (size - inside))
+    mosaics = _cell_values(x, y)
+    size = draws.uniform(0.2, 0.48) * jnp.where(draws.chance(0.5), 1.0, 0.6 + 0.4 * mosaics)
+    from_centre = jnp.hypot(x - jnp.floor(x) - 0.5, y - jnp.floor(y) - 0.5)
+    dots = jnp.tanh(3.0 * sharpness * (size - from_centre))
     course = jnp.floor(y)
     along = x + 0.5 * jnp.mod(course, 2.0)
     joint = jnp.minimum(_to_line(along), 0.5 * _to_line(y)) - draws.uniform(0.01, 0.05)
     bricks = jnp.where(joint < 0.0, draws.signed(0.5, 1.0), 0.6 * _cell_values(along, y))
     radius = jnp.hypot(across - 128.0 + 60.0 * warp * first, down - 128.0) / 128.0
-    ramp = jnp.where(
+    gradients = jnp.where(
         draws.chance(0.5),
         _wave((x - warp * first) * period / draws.log_uniform(150.0, 900.0) + draws.unit()),
         _wave(radius * draws.uniform(0.1, 0.6)),
     )
 
-    candidates = [clouds, stripes, checks, dots, bricks, tone, ramp]
+    # In the order of the fields of Textures.
+    candidates = [clouds, stripes, checks, dots, bricks, mosaics, gradients]
     kind = draws.category(dataclasses.astuple(kinds))
     chosen = sum(jnp.where(kind == i, candidate, 0.0) for i, candidate in enumerate(candidates))
     mottling = jnp.where(kind == 0, 0.0, draws.choose(0.6, draws.uniform(0.0, 0.4)))
@@ -143,6 +144,7 @@ def outlines(
         )
     wires = jnp.minimum(wires, square)
 
+    # In the order of the fields of Outlines.
     candidates = [plain, polygon, blob, holes, grids, wires, _leaves(draws, count, x, y)]
     kind = draws.category(dataclasses.astuple(kinds))
     inside = [(kind == i) & (candidate > 0.0) for i, candidate in enumerate(candidates)]
