@@ -50,19 +50,19 @@ class ProposalEstimator:
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         offsets = np.asarray(light_field.offsets, np.float32)
-        compared, all_views = brightness.usable, whole_grid(light_field.grid, light_field.view)
+        compared, full_grid = brightness.usable, whole_grid(light_field.grid, light_field.view)
         if light_field.view is not None:
             # Around a view at the border all others are on one side, and from the furthest of them
             # most of what is behind depth edges is hidden.
-            reach = max(self.config.reach, *(size // 2 for size in all_views))
+            reach = max(self.config.reach, *(size // 2 for size in full_grid))
             compared = compared & (np.abs(grid_offsets).max(axis=-1) <= reach)
         usable = np.flatnonzero(compared)
         # The arrangement refers to the places of a grid; irregular views are all used.
         views = self.config.views if is_grid(offsets) else "all"
         selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
         if light_field.view is not None:
-            whole = view_offsets(*all_views).reshape(-1, 2)
-            selected = _padded(selected, len(select_view_indices(whole, views)))
+            full_offsets = view_offsets(*full_grid).reshape(-1, 2)
+            selected = _padded(selected, len(select_view_indices(full_offsets, views)))
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:
@@ -82,8 +82,8 @@ class ProposalEstimator:
         # so that scenes of similar range share a compiled program.
         count = 4 * -(-(int(np.ceil((high - low) / interval)) + 3) // 4)
         candidates = (low + high) / 2 + interval * (np.arange(count) - (count - 1) / 2)
-        # A requested range is binding, and so is the one that is searched if none can be measured.
-        # A measured one, or that of the scene's files, may be slightly too narrow.
+        # The result is limited to a requested range, and to the default range if none can be
+        # measured. A measured range, or that of the scene's files, may be slightly too narrow.
         limits = (low, high)
         if disparity_range is None and (
             light_field.disparity_range is not None or check(light_field).measured_fraction
@@ -146,7 +146,7 @@ class ProposalEstimator:
 
 
 def _padded(selected: np.ndarray, count: int) -> np.ndarray:
-    """Repeat the centre view until there are so many views.
+    """Repeat the centre view until there are ``count`` views.
 
     Around a view at the border of the grid, fewer views are selected than around the centre. Copies
     of the centre view have no effect, and views of one light field share compiled programs.

@@ -23,8 +23,8 @@ class StripConfig:
         candidate_bytes: Bytes per pixel of the search and candidate.
         view_bytes: Bytes per pixel of the search and view.
         selector_bytes: Bytes per pixel of the selection.
-        context_rows: Rows above and below a strip that it is computed with, in addition to those
-            that disparity moves into it.
+        context_rows: Rows of the margin above and below a strip, in addition to the largest motion
+            between views.
     """
 
     max_bytes: int = 3 * 2**30
@@ -57,8 +57,8 @@ def plan_strips(
 ) -> Strips | None:
     """Divide an image into strips if its estimate as a whole would take too much memory.
 
-    A strip is at least as high as what it is computed with on each side, so that the time is at
-    most about three times that of the whole image.
+    A strip is computed with a margin of rows above and below. It is at least as high as one margin,
+    so that the time is at most about three times that of the whole image.
 
     Args:
         image_size: ``(h, w)`` in pixels.
