@@ -245,8 +245,8 @@ def _write_points(
     """Write the points; returns a description of what was written."""
     cloud = point_cloud(content, camera)
     count = write_points(target, cloud, centre=centre)
-    lines = [f"{count} points{' in the colours of the centre view' * (centre is not None)}"]
-    lines[0] += f"; {cloud.unit}"
+    colours = "" if centre is None else " in the colours of the centre view"
+    lines = [f"{count} points{colours}; {cloud.unit}"]
     if missing := content.values.size - count:
         lines.append(f"note: {missing} pixels without a point in space are left out")
     if camera is None:

@@ -30,7 +30,7 @@ def pair(kind: type[int] | type[float]) -> Any:
 
 
 def numbers(*kinds: type[int] | type[float], meaning: str) -> Any:
-    """Describe an option of so many numbers; its default ``None`` cannot be passed.
+    """Describe an option of one number per kind; ``None``, its default, cannot be passed.
 
     Without this, the option would take all words that follow it, also the name of the scene.
 
@@ -47,7 +47,7 @@ def numbers(*kinds: type[int] | type[float], meaning: str) -> Any:
 
     return PrimitiveConstructorSpec(
         nargs=len(kinds),
-        metavar="",  # that of ``option``
+        metavar="",  # ``option`` has one
         instance_from_str=parse,
         is_instance=lambda value: value is None or isinstance(value, tuple),
         str_from_instance=lambda value: [str(number) for number in value or ()],

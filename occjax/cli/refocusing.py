@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -195,7 +196,7 @@ def _disparity_at(refocuser: Refocuser, at: tuple[int, int], result: Path | None
         disparity = float(_disparity_map(refocuser, result)[at])
     else:
         disparity = _estimate_at(light_field, at)
-    if disparity != disparity:
+    if math.isnan(disparity):
         raise InputError(f"--at {at[0]} {at[1]} has no disparity; choose another pixel")
     return disparity
 

@@ -83,7 +83,7 @@ def show_phase(progress: tqdm | None, name: str) -> Callable[[str], None]:
             print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
             if phase in ("writing", "failed"):
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
-        elif phase != "failed":  # The error is printed too.
+        elif phase != "failed":  # the message of the error says so
             print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return show

@@ -123,7 +123,10 @@ def _scenes_in(place: Path, grid: tuple[int, int] | None) -> list[Path]:
 
 
 def _hold_parts(folders: list[Path]) -> bool:
-    """Return whether folders have equally many images each, which cannot be light fields alone."""
+    """Return whether folders hold parts of one light field, not a light field each.
+
+    Then each has equally many images: one, or a number that is not a square.
+    """
     counts = set()
     for folder in folders:
         names = [path.name for path in folder.iterdir()]

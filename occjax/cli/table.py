@@ -38,7 +38,9 @@ def row(
         ('failed', None)
     """
     entry: Row = dict.fromkeys(COLUMNS)
-    state = "failed" if error is not None else "missing" if summary is None else "complete"
+    state = "missing" if summary is None else "complete"
+    if error is not None:
+        state = "failed"
     entry |= {"scene": scene, "state": state, "source": str(source), "error": error}
     if summary is not None and error is None:
         scores = summary["metrics"] or {}

@@ -92,7 +92,7 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
         source = first_process_first(lambda: make_source(data, config.network))
         scenes = scenes_from_folders(validate)
         scenes += validation_scenes(data, validation_samples)
-        again = shlex.join(["occjax", "train", *arguments])
+        resume_command = shlex.join(["occjax", "train", *arguments])
         try:
             trained = train(
                 config,
@@ -105,7 +105,7 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
                 initial_weights=initial_weights,
             )
         except KeyboardInterrupt:
-            print(f"resume with: {again}")
+            print(f"resume with: {resume_command}")
             raise
         if not is_first_process():
             return 0
@@ -117,7 +117,8 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
                 f"use it with: occjax estimate SCENE -o FOLDER --weights {trained.weights}"
             )
         else:
-            print(f"stopped after step {int(trained.state.step)}; resume with: {again}")
+            step = int(trained.state.step)
+            print(f"stopped after step {step}; resume with: {resume_command}")
         return 0
 
     return command
