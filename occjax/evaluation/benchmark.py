@@ -223,7 +223,7 @@ class _Comparison:
         return self.masks[name]
 
     def score(self, measure: Callable[..., Any], *regions: str, **options: object) -> Any:
-        """Return a measure in the union of regions; everywhere without a region."""
+        """Return a measure in the union of regions; without regions, that of all pixels."""
         mask = self.mask(*regions) if regions else None
         return measure(self.estimate, self.truth, border=self.border, mask=mask, **options)
 
@@ -242,7 +242,8 @@ class _Comparison:
 
     def layers(self, region: str, *, wrong: str, right: str) -> float:
         """Return the percentage of pixels in a region that are closer to the wrong layer."""
-        mask = self.mask(region)  # read first: an error then names the file of the region
+        # Read before the layers: if several files are missing, the error names that of the region.
+        mask = self.mask(region)
         layers = {"wrong": self.mask(wrong), "right": self.mask(right)}
         return wrong_layer(self.estimate, self.truth, border=self.border, mask=mask, **layers)
 

@@ -87,14 +87,15 @@ def _warn_of_a_changed_map(
     """Warn if the maps agree much better with one of them reversed or negated."""
     if estimate.shape != ground_truth.shape:
         return
-    readings = {"": ground_truth, **changed_maps(ground_truth)}
+    unchanged = ""
+    readings = {unchanged: ground_truth, **changed_maps(ground_truth)}
     errors = {words: np.abs(estimate - truth) for words, truth in readings.items()}
     errors = {words: error[np.isfinite(error)] for words, error in errors.items()}
     medians = {words: float(np.median(error)) for words, error in errors.items() if error.size}
-    if "" not in medians:
+    if unchanged not in medians:
         return
     best = min(medians, key=medians.__getitem__)
-    median, changed = medians[""], medians[best]
+    median, changed = medians[unchanged], medians[best]
     if median > BAD_PIXEL_THRESHOLD and changed < config.max_changed_error_ratio * median:
         warnings.warn(
             f"{names}: the maps agree better if the {best} of one of them (median error "

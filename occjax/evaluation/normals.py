@@ -31,8 +31,8 @@ def angular_errors(
 ) -> np.ndarray:
     """Compute the angle between the estimated and the true normal at each compared pixel.
 
-    Normals are central differences of neighbouring points, also across depth edges, so that false
-    steps in an estimate are not hidden. A pixel without an estimate has an error of 90
+    Normals are computed from central differences of points, also across depth edges, so that false
+    steps in an estimate are not hidden. A pixel without an estimated normal has an error of 90
     degrees; a pixel without a true normal is left out. The benchmark reports the median, on planes
     and on other smooth surfaces.
 

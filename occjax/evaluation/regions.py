@@ -60,8 +60,8 @@ def bumpiness(
     """
     compared_pixels(estimate, ground_truth, border=border, mask=mask)  # checks the sizes first
     truth = np.asarray(ground_truth, np.float64)
-    smooth = np.isfinite(_hessian_norm(np.where(np.isfinite(truth), truth, np.nan)))
-    pixels = compared_pixels(estimate, np.where(smooth, truth, np.nan), border=border, mask=mask)
+    known = np.isfinite(_hessian_norm(np.where(np.isfinite(truth), truth, np.nan)))
+    pixels = compared_pixels(estimate, np.where(known, truth, np.nan), border=border, mask=mask)
     roughness = _hessian_norm(_signed_errors(estimate, truth))
     return float(np.mean(np.fmin(roughness, MAX_BUMPINESS)[pixels]))
 
