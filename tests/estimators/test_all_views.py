@@ -60,6 +60,16 @@ def test_what_other_views_contradict_is_filled_from_them(result):
     assert (result.views.consistency[1, 1][WRONG] == 1.0).all()
 
 
+def test_views_without_a_map_have_no_consistency(light_field):
+    usable = np.ones((3, 3), bool)
+    usable[0, 0] = False
+    views = estimate_all_views(Oracle(), replace(light_field, usable=usable))
+    np.testing.assert_array_equal(np.isnan(views.disparity).any((2, 3)), ~usable)
+    for maps in (views.consistency, views.agreeing):
+        assert not maps[0, 0].any()
+        assert maps[0, 1].any()
+
+
 def test_one_view_is_not_all_views(light_field):
     with pytest.raises(InputError, match="has one view"):
         estimate_all_views(Oracle(), light_field.central(1, 1))
