@@ -1,8 +1,8 @@
-"""Brightness of each view, which says what a view can be used for.
+"""Brightness of each view relative to the centre view.
 
 The outer views of a plenoptic camera fade to black, since its main lens and its microlenses are
-round. Cameras of an array differ in exposure. Views with signal left are divided by their gain, so
-that one grey difference means the same in all views; views without are not used.
+round. Cameras of an array differ in exposure. Bright enough views are divided by their gain, so
+that a grey difference means the same in all views. Views that are too dark are not used.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class ViewBrightness:
         gain: ``[V, U]`` float32 factor by which a view is brighter than the centre view; 1 for all
             views if they are about equally bright, and for views that are not used.
         usable: ``[V, U]`` bool, False for views that are missing or too dark to be compared.
-        dark: Number of views that exist and are too dark.
+        dark: Number of views that are present but too dark.
         fall_off: ``[V, U, 6]`` logarithm of the gain at each pixel relative to ``gain``, as a
             polynomial of the image coordinates (:func:`_terms`); None if all views are uniform.
     """
@@ -38,7 +38,7 @@ class ViewBrightness:
     def grey(self, light_field: LightField, v: int, u: int) -> np.ndarray:
         """Return the ``[H, W]`` float32 grey view ``(v, u)`` at the brightness of the centre view.
 
-        It is exactly :func:`occjax.lightfield.to_grey` of a view of gain 1.
+        A view of gain 1 without fall-off is exactly that of :func:`occjax.lightfield.to_grey`.
         """
         return self.equalised(to_grey(light_field.views[v, u])[..., None], v, u)[..., 0]
 
@@ -147,7 +147,8 @@ def view_brightness(
         return ViewBrightness(gain, present, dark=0)
     usable = present.copy()
     fall_off = np.zeros((*light_field.grid, 6))
-    terms, uneven = _terms(centre.shape)[lit], 0.0
+    terms = _terms(centre.shape)[lit]
+    largest_fall_off = 0.0
     others = [index for index in map(tuple, np.argwhere(present)) if index != centre_view]
     low_passed = np.zeros((*light_field.grid, *centre.shape), centre.dtype)
     for index in others:
@@ -162,12 +163,13 @@ def view_brightness(
             relative = np.log(np.maximum(ratio / gain[index], config.min_gain))
             coefficients = _robust_fit(terms, relative, config)
             fitted = terms @ coefficients
-            # The black crescent of a clipped pupil is no polynomial: it would spoil the rest.
+            # A polynomial does not describe the black crescent of a clipped pupil: fitted to it, it
+            # would falsify the rest of the view.
             if np.abs(relative - fitted).mean() < 0.5 * np.abs(relative).mean():
                 fall_off[index] = coefficients
-                uneven = max(uneven, float(np.abs(fitted).mean()))
+                largest_fall_off = max(largest_fall_off, float(np.abs(fitted).mean()))
     dark = int((present & ~usable).sum())
-    if uneven > config.equal_gain:
+    if largest_fall_off > config.equal_gain:
         return ViewBrightness(gain, usable, dark, fall_off)
     if np.abs(gain - 1).max() <= config.equal_gain:
         gain = np.ones_like(gain)
@@ -186,7 +188,7 @@ def _seen_from_centre(
 
 @kept
 def _warped(images, disparity, offsets):
-    from occjax.ops import warp_views  # only when it is traced
+    from occjax.ops import warp_views  # a cached program does not need it
 
     return warp_views(images[..., None], disparity, offsets=offsets)[..., 0]
 
@@ -201,8 +203,8 @@ def _terms(shape: tuple[int, ...]) -> np.ndarray:
 def _robust_fit(terms: np.ndarray, values: np.ndarray, config: BrightnessConfig) -> np.ndarray:
     """Return the ``[6]`` coefficients of the ``[n, 6]`` terms that fit most of ``[n]`` values.
 
-    Least squares with the weights of Cauchy: near depth edges, parallax makes the ratio of two
-    views wrong.
+    Iteratively reweighted least squares with Cauchy weights, because parallax makes outliers near
+    depth edges.
     """
     weights = np.ones_like(values)
     for _ in range(config.fit_steps):
@@ -214,7 +216,10 @@ def _robust_fit(terms: np.ndarray, values: np.ndarray, config: BrightnessConfig)
 
 
 def _low_pass(image: np.ndarray, config: BrightnessConfig) -> np.ndarray:
-    """Return the local mean of grey at every second pixel of the reduced image, if it is smooth."""
+    """Return the local mean of the reduced grey image.
+
+    Windows larger than 3x3 give a mean so smooth that every second pixel is enough.
+    """
     step = max(1, min(image.shape[:2]) // config.size_px)
     grey = to_grey(image[::step, ::step])
     radius = min(grey.shape) // config.windows_per_side

@@ -47,24 +47,26 @@ class RegistrationConfig:
         clear_minimum: Ratio of lowest to mean cost below which a disparity is clear.
         min_shift_px: Shift of a view from which the light field counts as misregistered, in pixels
             of the light field. Rendered ones have at most 0.04, one of a Lytro Illum 0.1.
-        suspicious_shift_px: Shift, in the first measurement, from which the full one is made: the
-            first one underestimates shifts.
-        min_position_px: The same for a wrong camera position: standard deviation, over the image,
-            of the displacement that it causes. Clean light fields have at most 0.06.
+        suspicious_shift_px: Shift in the first measurement from which the full measurement is made.
+            It is below ``min_shift_px`` because the first measurement underestimates shifts.
+        min_position_px: Displacement by a wrong camera position from which the light field counts
+            as misregistered: its standard deviation over the image, in pixels of the light field.
+            Clean light fields have at most 0.06.
         min_correction_px: Shifts below this are left as they are: resampling costs sharpness.
         significance: Standard errors that a shift must have to be corrected.
-        min_improvement: Fraction by which a correction must lower the loss of its view, and another
-            spacing the mean grey difference of all views.
-        max_loss_ratio: Loss of a view, relative to views equally far from the centre view, from
-            which it may be displaced by more than the first measurement can see. Clean light
+        min_improvement: Fraction by which a correction must lower the loss of its view. A measured
+            spacing must lower the mean grey difference of all views by the same fraction.
+        max_loss_ratio: Ratio of the loss of a view to that of views equally far from the centre
+            view from which it may be displaced too far for the first measurement. Clean light
             fields have at most 1.25.
         min_crop_size_px: Shorter side of the middle half of the reduced images from which that half
-            is measured first. If it is regular, the rest is not measured.
+            is measured before the whole images. If it shows no displaced view, the whole images are
+            not measured.
         min_size_px: Shorter image side below which images are not reduced further.
-        rounds: Rounds of the measurement that decides whether the views need corrections, and of
-            each resolution of the full one.
+        rounds: Number of rounds of the first measurement, which decides whether the views need
+            corrections, and of the full measurement at each resolution.
         residual_scale: Grey difference, relative to the contrast of the centre view, at which a
-            pixel counts a quarter.
+            pixel has the weight 1/4.
     """
 
     min_spacing_change: float = 0.06
@@ -107,12 +109,12 @@ class ViewOrderConfig:
         max_motion: Maximum motion between the centre view and the outermost compared view, as a
             fraction of the shorter image side.
         max_disparity: Maximum disparity, in shorter image sides per view step, of the first search.
-        max_wide_disparity: The same, of a second search in the nearest views. Its result is used if
-            enough pixels need such disparities.
+        max_wide_disparity: Maximum disparity, in the same unit, of a second search that compares
+            only the nearest views. Its result is used if enough pixels need such disparities.
         max_wide_candidates: Maximum number of disparity candidates of the second search.
         min_fraction_beyond: Fraction of the pixels that must need disparities of the second search.
-        max_disparity_px: Maximum disparity in pixels per view step instead of these limits; None to
-            find it.
+        max_disparity_px: Maximum disparity in pixels per view step, in place of ``max_disparity``
+            and ``max_wide_disparity``; None for these.
         max_candidates: Maximum number of disparity candidates.
         candidate_motion_px: Minimum motion of the outermost compared view from one candidate to the
             next, in pixels of the reduced images.
@@ -146,10 +148,11 @@ class ViewOrderConfig:
         min_collisions: Minimum number of decided collisions for a statement about the sign.
         sign_fraction: Fraction of collisions that settles the sign of disparity. Disparity edges
             that are too wide vote for the wrong sign: real 3x3 crops reach only 0.35 for the
-            correct one.
+            correct sign.
         disorder_ratio: Ratio of two mean grey differences above which views are in serpentine
             order, or the centre view is not in its place. Such views differ by factors of 2 to 4.
-        max_moved_fraction: Fraction of misplaced views from which this is tested.
+        max_moved_fraction: Fraction of misplaced views above which serpentine order and a misplaced
+            centre view are tested.
         min_textured_fraction: Fraction of textured pixels below which views that are equally
             consistent in all view orders may still be a light field.
         wrong_grid_fraction: Fraction of reliable pixels above which views that are equally

@@ -32,7 +32,7 @@ from occjax.lightfield import LightField, centre_index
 from occjax.programs import kept
 
 CANDIDATES_PER_CALL = 13
-"""Number of candidates in one call of the compiled program: all disparity ranges share it."""
+"""Number of candidates in one call, the same for all disparity ranges: one program serves all."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,7 @@ class CostVolumes:
         self.config, self.scale = cross.config, cross.scale
         self.candidates = _candidates(cross, max_disparity)
         self.step = float(self.candidates[1] - self.candidates[0])
+        # At each pixel one arm on the row and one arm on the column count.
         lengths = {arm.on_row: len(arm.images) for arm in cross.arms}
         self.images = sum(lengths.values())
         self.window = min(2 * self.config.cost_radii_px[n - 1] + 1 for n in lengths.values())
@@ -227,13 +228,13 @@ def _start_arm(cross: Cross, arm: Arm, axis: int, candidates: np.ndarray) -> lis
     """Start the comparison of one arm, moving along one image axis, with the centre view.
 
     Returns:
-        Parts of the cost volume, see :func:`_volumes`.
+        Parts of the cost volume, see :func:`_start_comparison`.
     """
     n = len(arm.images)
     offsets = np.zeros((n, 2), np.float32)
     offsets[:, axis] = arm.offsets / cross.scale
     radius = cross.config.cost_radii_px[n - 1]
-    return _volumes(cross.centre, arm.images, offsets, candidates, radius)
+    return _start_comparison(cross.centre, arm.images, offsets, candidates, radius)
 
 
 def lowest_cost(
@@ -243,29 +244,25 @@ def lowest_cost(
     candidates: np.ndarray,
     config: ViewOrderConfig,
 ) -> np.ndarray:
-    """Return the ``[h, w]`` lowest mean grey difference of all images from the centre view.
+    """Return the ``[h, w]`` lowest cost over all candidates, of all images together.
 
     Args:
         centre: ``[h, w]`` grey centre view.
         images: ``[n, h, w]`` grey views.
         offsets: ``[n, 2]`` motion of each view per pixel of disparity.
         candidates: ``[d]`` disparities.
-        config: Settings; the local mean is that for arms of many views.
+        config: Settings. The cost is averaged as for arms of most views, with the last of the
+            ``cost_radii_px``.
     """
     radius = config.high_pass_radius_px
     centre = high_pass(centre, radius)
     images = np.stack([high_pass(image, radius) for image in images])
     offsets = offsets.astype(np.float32)
-    return np.min(
-        [
-            np.asarray(part).min(0)
-            for part in _volumes(centre, images, offsets, candidates, config.cost_radii_px[-1])
-        ],
-        axis=0,
-    )
+    parts = _start_comparison(centre, images, offsets, candidates, config.cost_radii_px[-1])
+    return np.min([np.asarray(part).min(0) for part in parts], axis=0)
 
 
-def _volumes(
+def _start_comparison(
     centre: np.ndarray,
     images: np.ndarray,
     offsets: np.ndarray,
@@ -295,7 +292,7 @@ def _arm_volume(
     radius: int,
 ) -> Float[Array, "d h w"]:
     """Return the local mean of the absolute difference of shifted views from the centre view."""
-    from occjax.ops import refined_volume  # only when it is traced
+    from occjax.ops import refined_volume  # a cached program does not need it
 
     def combine(views: Float[Array, "1 n h w 1"], _: Array | None) -> Float[Array, "h w"]:
         differences = jnp.abs(views[0, ..., 0] - centre[None])

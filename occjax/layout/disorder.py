@@ -1,4 +1,4 @@
-"""Two disorders of the views that the cross of views around the centre view cannot tell.
+"""Two disorders of the views that the cross of views around the centre view does not show.
 
 In serpentine order every second row runs backwards; the row and the column of the centre view may
 be consistent nevertheless, but not all views near it are. A centre view that is not in its place
@@ -30,8 +30,8 @@ def recentred(light_field: LightField, axis: int) -> tuple[LightField, tuple[sli
         axis: 0 to leave out a row, 1 to leave out a column.
 
     Returns:
-        The views, without what belongs to the centre view, and their rows and columns in the grid;
-        None if the new centre view is missing.
+        The other views, without ground truth and report, which belong to the old centre view, and
+        the rows and columns of the grid that they fill; None if the new centre view is missing.
 
     Example:
         >>> import numpy as np
@@ -39,15 +39,15 @@ def recentred(light_field: LightField, axis: int) -> tuple[LightField, tuple[sli
         (4, 5)
     """
     kept = np.s_[1:] if light_field.grid[axis] % 2 else np.s_[:-1]
-    inner = (kept, slice(None)) if axis == 0 else (slice(None), kept)
-    views = light_field.views[inner]
-    usable = None if light_field.usable is None else light_field.usable[inner]
+    rest = (kept, slice(None)) if axis == 0 else (slice(None), kept)
+    views = light_field.views[rest]
+    usable = None if light_field.usable is None else light_field.usable[rest]
     if usable is not None and not usable[centre_index(usable.shape)]:
         return None
     part = dataclasses.replace(
         light_field, views=views, usable=usable, ground_truth=None, view_order_report=None
     )
-    return part, inner
+    return part, rest
 
 
 def find_disorder(
@@ -63,7 +63,7 @@ def find_disorder(
         light_field: At least two rows and columns of views, without camera positions.
         declared: Inconsistency of the views in the order in which they are.
         best: The most consistent of the eight view orders.
-        score: Returns the inconsistency of other views in their order.
+        score: Function that returns the inconsistency of a light field in its order.
         config: Settings.
 
     Returns:
@@ -74,7 +74,9 @@ def find_disorder(
     regular = view_offsets(*light_field.grid)
     usable = light_field.usable
     orders = [regular]
-    if best != Orientation():  # A grid whose rows run backwards is half right in serpentine order.
+    if best != Orientation():
+        # If all rows run backwards, serpentine order is right for half of them: it must also be
+        # better than the flipped grid.
         swapped = regular[..., ::-1] if best.swap else regular
         orders.append(np.where([best.flip_rows, best.flip_columns], -swapped, swapped))
     orders.append(straightened(regular))
@@ -86,11 +88,7 @@ def find_disorder(
     )
     if reading.clear and reading.number == len(orders) - 1:
         return "serpentine"
-
-    def scores(axis: int) -> list[float]:
-        part = recentred(light_field, axis)
-        return [] if part is None else [score(part[0])]
-
-    # The view that was exchanged with the centre view may be the neighbour in one direction.
-    elsewhere = min([*scores(0), *scores(1)], default=declared)
-    return "centre" if declared > config.disorder_ratio * elsewhere else None
+    # Both neighbours are tried: one may be the view that was exchanged with the centre view.
+    parts = [part for axis in (0, 1) if (part := recentred(light_field, axis))]
+    recentred_score = min((score(views) for views, _ in parts), default=declared)
+    return "centre" if declared > config.disorder_ratio * recentred_score else None

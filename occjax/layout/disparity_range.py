@@ -107,5 +107,5 @@ def _with_margin(
     high = min(high + margin, largest) + volumes.step
     # Rounding errors of the division must not widen the range by a whole step.
     low, high = np.round(np.array([low, high]) / config.range_step, 3)
-    per_pixel = round(1 / config.range_step)
-    return math.floor(low) / per_pixel, math.ceil(high) / per_pixel
+    steps_per_pixel = round(1 / config.range_step)
+    return math.floor(low) / steps_per_pixel, math.ceil(high) / steps_per_pixel

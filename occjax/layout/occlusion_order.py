@@ -37,7 +37,9 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
         the majority depends on one arm: a single misplaced view must not reverse the sign.
     """
     config = cross.config
-    votes = []  # Of each arm: for the nearer point in front, for the farther one, their number.
+    # For each arm: weight of the collisions with the nearer point in front, weight of those with
+    # the farther point in front, number of both.
+    votes = []
     projected = [_project_to_outermost(cross, arm, disparity, orientation) for arm in cross.arms]
     for arm, (displacement, difference, _) in zip(cross.arms, projected, strict=True):
         counted = np.ones(disparity.shape, bool)
@@ -51,6 +53,7 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
         visible, hidden = config.max_visible_difference, config.min_hidden_difference
         large_visible = collides & (large < visible) & (small > hidden)
         small_visible = collides & (small < visible) & (large > hidden)
+        # The view shows the visible point, so the difference of the hidden point is their contrast.
         near = float(np.sum(small[large_visible] ** 2))
         far = float(np.sum(large[small_visible] ** 2))
         votes.append((near, far, int(large_visible.sum() + small_visible.sum())))
@@ -58,8 +61,9 @@ def nearer_in_front(cross: Cross, disparity: np.ndarray, orientation: Orientatio
     if decided < config.min_collisions:
         return None
     without_one = np.array([near, far]) - np.array(votes)[:, :2]
-    undecided = without_one.sum(1) == 0.0
-    if np.any(((without_one[:, 0] > without_one[:, 1]) != (near > far)) & ~undecided):
+    has_votes = without_one.sum(1) != 0.0
+    is_reversed = (without_one[:, 0] > without_one[:, 1]) != (near > far)
+    if np.any(has_votes & is_reversed):
         return None
     return float(near / (near + far))
 

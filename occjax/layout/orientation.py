@@ -119,7 +119,7 @@ class Orientation:
         )
 
     def lay_out(self, grid: np.ndarray) -> np.ndarray:
-        """Return a view of an array ``[V, U, ...]`` with the first two axes swapped and flipped."""
+        """Return an array ``[V, U, ...]`` with its first two axes swapped and flipped; no copy."""
         if self.swap:
             grid = grid.swapaxes(0, 1)
         if self.flip_rows:

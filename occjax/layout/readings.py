@@ -1,4 +1,4 @@
-"""Comparison of several readings of the places of the same views.
+"""Comparison of several readings of the same views, each of which gives every view its place.
 
 Sixteen numbered views may be a row or a square, a row of a grid may be the cameras of one frame of
 a video, and every second row may run backwards. The cross of views around the centre view cannot
@@ -58,7 +58,7 @@ def best_reading(
         usable: ``[N]`` bool, False for views that are missing; None if all can be used.
 
     Returns:
-        Its index, and how clear it is.
+        The index of that reading, and how clearly it is the best.
 
     Example:
         >>> wall = np.random.default_rng(0).random((60, 60, 1), np.float32)

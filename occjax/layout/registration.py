@@ -4,9 +4,9 @@ View ``k`` shows the point ``x`` of the centre view at ``x - d(x) p_k + s_k``. I
 ``p_k`` is the place of the view in the grid and the shift ``s_k`` is zero. A rotated camera or a
 wrong crop changes ``s_k``, a camera that is not where it should be changes ``p_k``.
 
-Lucas-Kanade steps improve all ``s_k`` and ``p_k``, given the disparity map, and the disparity map,
-given all ``s_k`` and ``p_k``, in turn, on reduced images from coarse to fine. Two changes of all
-views at once are the same as a change of the disparity map, and are not measured: shifts in
+Lucas-Kanade steps on reduced images, from coarse to fine, alternate: they improve all ``s_k`` and
+``p_k`` for a fixed disparity map, then the disparity map for fixed ``s_k`` and ``p_k``. Two changes
+of all views at once are equivalent to a change of the disparity map and are not measured: shifts in
 proportion to ``p_k`` (a constant added to the disparity) and a common factor of all ``p_k``.
 """
 
@@ -122,9 +122,10 @@ def _views(chosen: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class _State:
-    """Estimate in pixels of a reduction: disparity ``[h, w]``, positions and shifts ``[n, 2]``.
+    """Estimate in pixels of reduced images: disparity ``[h, w]``, positions and shifts ``[n, 2]``.
 
-    ``error`` is the standard error of the shifts ``[n, 2]``, ``loss`` that of each view ``[n]``.
+    ``error`` is the ``[n, 2]`` standard error of the shifts, ``loss`` the ``[n]`` loss of the views
+    (:func:`_normal_equations`).
     """
 
     disparity: np.ndarray
@@ -165,8 +166,7 @@ def register(
             for that of the light field.
 
     Returns:
-        The corrections; None if nothing is clearly outside of what regular, rectified light fields
-        show.
+        The corrections; None if no view clearly deviates from a regular, rectified grid.
     """
     settings = config.registration
     grid = light_field.grid
@@ -220,41 +220,43 @@ class _Views:
         self, images: np.ndarray, state: _State, rounds: int, free_spacing: bool = False
     ) -> _State:
         """Improve shifts, positions and disparity in turn, and the spacing of columns if free."""
-        filtered, scale = self._filtered(images)
+        filtered, residual_scale = self._filtered(images)
         for _ in range(rounds):
-            state = self._register(filtered, state, scale)
+            state = self._improve_views(filtered, state, residual_scale)
             if not free_spacing:
                 state = replace(state, positions=state.positions / self._stretch(state))
             disparity = _improve_disparity(
-                filtered, self.centre, state.disparity, *_single(state), scale
+                filtered, self.centre, state.disparity, *_single(state), residual_scale
             )
             state = replace(state, disparity=median_filter(np.asarray(disparity)))
         return state
 
     def _filtered(self, images: np.ndarray) -> tuple[np.ndarray, np.floating]:
-        """Return images without slow changes, and the grey difference that counts a quarter."""
+        """Return high-pass filtered images, and the grey difference of the weight 1/4."""
         filtered = np.asarray(_high_pass(images))
         contrast = float(np.std(filtered[self.centre])) or 1.0
         return filtered, np.float32(self.settings.residual_scale * contrast)
 
     def _improvement(self, images: np.ndarray, state: _State) -> np.ndarray:
-        """Return by which fraction the loss of each view is lower than at its place in the grid."""
-        filtered, scale = self._filtered(images)
+        """Return the fraction by which the corrections lower the loss of each view."""
+        filtered, residual_scale = self._filtered(images)
         regular = replace(
             state, positions=self.places * self._stretch(state), shifts=np.zeros_like(state.shifts)
         )
         after, before = (
             np.asarray(
-                _normal_equations(filtered, self.centre, s.disparity, *_single(s), scale)[-1]
+                _normal_equations(filtered, self.centre, s.disparity, *_single(s), residual_scale)[
+                    -1
+                ]
             )
             for s in (state, regular)
         )
         return np.asarray((before - after) / np.maximum(before, 1e-6))
 
     def are_regular(self, images: np.ndarray, state: _State, scale: int) -> bool:
-        """Return whether no view may be shifted, or not at its place.
+        """Return whether no view seems to be displaced.
 
-        The middle half of the images decides if it shows a regular light field precisely enough.
+        The whole images are measured only if the middle half does not show this precisely enough.
         """
         settings, (height, width) = self.settings, images.shape[1:]
         if min(height, width) >= 2 * settings.min_crop_size_px:
@@ -272,7 +274,7 @@ class _Views:
         return not self._is_displaced(self.refine(images, state, settings.rounds[0]), scale)
 
     def _is_displaced(self, state: _State, scale: int) -> bool:
-        """Return whether a view may be shifted, or not at its place, or fits worse than others."""
+        """Return whether any view seems shifted or not at its place, or fits worse than others."""
         misfit = self._relative_loss(state) > self.settings.max_loss_ratio
         shift = scale * np.abs(self._mean_shift(state)).max(-1)
         shifted = (shift > self.settings.suspicious_shift_px) & self._significant(state)
@@ -286,7 +288,7 @@ class _Views:
         usable: np.ndarray,
         spacing: float | None,
     ) -> Registration | None:
-        """Return the corrections that are clear."""
+        """Return the corrections that are clear; None if there are none."""
         improvement = self._improvement(images, state)
         clear = improvement > self.settings.min_improvement
         shifted, moved = self._shifted(state, scale) & clear, self._moved(state, scale) & clear
@@ -303,38 +305,45 @@ class _Views:
         shifts = None
         if shifted.any() or moved.any():
             shifts = np.zeros((*usable.shape, 2), np.float32)
-            # The shift at the mean disparity includes a position that is not corrected.
+            # The effect, at the mean disparity, of a position that is not corrected is part of the
+            # shift.
             found = np.where(moved[:, None], state.shifts, self._mean_shift(state)) * scale
             large = np.abs(found).max(-1) >= self.settings.min_correction_px
             corrected = large & self._significant(state) & (improvement > 0)
             shifts[usable] = np.where(corrected[:, None], found, 0.0)
             shifts = shifts if shifts.any() else None
-        everywhere = np.zeros(usable.shape, bool)
-        everywhere[usable] = moved
-        return Registration(float(ratio), positions, shifts, everywhere)
+        moved_in_grid = np.zeros(usable.shape, bool)
+        moved_in_grid[usable] = moved
+        return Registration(float(ratio), positions, shifts, moved_in_grid)
 
-    def _register(self, images: np.ndarray, state: _State, residual: np.floating) -> _State:
-        """Make one Lucas-Kanade step for every view."""
+    def _improve_views(
+        self, images: np.ndarray, state: _State, residual_scale: np.floating
+    ) -> _State:
+        """Make one Lucas-Kanade step of the shift and the position of every view."""
         matrices, vectors, variance, loss = map(
             np.asarray,
-            _normal_equations(images, self.centre, state.disparity, *_single(state), residual),
+            _normal_equations(
+                images, self.centre, state.disparity, *_single(state), residual_scale
+            ),
         )
         matrices = matrices.astype(np.float64)
-        size = np.trace(matrices[:, :2, :2], axis1=1, axis2=2)[:, None] + 1e-12
+        trace = np.trace(matrices[:, :2, :2], axis1=1, axis2=2)[:, None] + 1e-12
         diagonal = np.arange(5)
-        # A position change must earn its place: without spread of disparity it is a shift.
-        matrices[:, diagonal, diagonal] += size * np.array([1e-5, 1e-5, 2e-4, 2e-4, 1e-9])
+        # The positions are damped most: without a spread of disparity, a change of the position has
+        # the same effect as a shift.
+        matrices[:, diagonal, diagonal] += trace * np.array([1e-5, 1e-5, 2e-4, 2e-4, 1e-9])
         if not self.free:
             matrices[:, 2:4], matrices[:, :, 2:4] = 0.0, 0.0
             matrices[:, [2, 3], [2, 3]] = 1.0
             vectors = np.where(np.isin(diagonal, (2, 3)), 0.0, vectors)
         step = np.linalg.solve(matrices, vectors[..., None])[..., 0]
         covariance = np.linalg.inv(matrices)[:, [0, 1], [0, 1]] * variance[:, None]
-        moved = np.clip(step[:, 2:4], -1.0, 1.0)
+        position_change = np.clip(step[:, 2:4], -1.0, 1.0)
         mean = float(state.disparity.mean())
-        shifts = state.shifts + np.clip(step[:, :2], -2.0, 2.0) + mean * moved
-        positions = state.positions + moved
+        shifts = state.shifts + np.clip(step[:, :2], -2.0, 2.0) + mean * position_change
+        positions = state.positions + position_change
         shifts[self.centre] = positions[self.centre] = 0.0
+        # These changes of all views at once are equivalent to a change of the disparity map.
         factor = _common_factor(self.places, positions) if self.free else 1.0
         constant = _common_factor(self.places, self.places + shifts) - 1.0
         return _State(
@@ -354,12 +363,12 @@ class _Views:
         others = np.arange(len(distance)) != self.centre
         if others.sum() < 5:  # Too few to say what is usual.
             return np.ones(len(distance))
-        slopes = np.stack([np.ones(len(distance)), distance], axis=-1)
-        usual = slopes @ np.linalg.lstsq(slopes[others], state.loss[others])[0]
+        terms = np.stack([np.ones(len(distance)), distance], axis=-1)
+        usual = terms @ np.linalg.lstsq(terms[others], state.loss[others])[0]
         return np.where(others & (usual > 0), state.loss / np.where(usual > 0, usual, 1.0), 1.0)
 
     def _stretch(self, state: _State) -> np.ndarray:
-        """Return by how much the rows and the columns are further apart than their places."""
+        """Return ``[2]`` factors of the nominal spacing: 1 of rows, the relative one of columns."""
         stretch = [
             _common_factor(self.places[:, [axis]], state.positions[:, [axis]]) for axis in (0, 1)
         ]
@@ -393,9 +402,9 @@ def _single(state: _State) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _common_factor(places: np.ndarray, positions: np.ndarray) -> float:
-    """Return the factor of all places that comes closest to the positions, outliers ignored.
+    """Return the factor of all places that comes closest to the positions, robust to outliers.
 
-    It minimises the sum of the distances (not squared), by repeated weighting.
+    It minimises the sum of the distances (not squared), by iteratively reweighted least squares.
     """
     weight = np.ones(len(places))
     factor = 1.0
@@ -427,16 +436,16 @@ def _residual(
     disparity: Float[Array, "h w"],
     position: Float[Array, "2"],
     shift: Float[Array, "2"],
-    scale: Float[Array, ""],
+    residual_scale: Float[Array, ""],
 ) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Return what a view shows too much at each point, its weight, and the slopes of the image."""
+    """Return the grey difference of a view at each point, its weight, and the image gradient."""
     h, w = centre.shape
     y = jnp.arange(h, dtype=jnp.float32)[:, None] - disparity * position[0] + shift[0]
     x = jnp.arange(w, dtype=jnp.float32)[None, :] - disparity * position[1] + shift[1]
     inside = (y >= 1) & (y <= h - 2) & (x >= 1) & (x <= w - 2)
     shown = map_coordinates(image, [y, x], order=1, mode="nearest")
     difference = shown - centre
-    weight = inside.astype(shown.dtype) / (1 + (difference / scale) ** 2) ** 2
+    weight = inside.astype(shown.dtype) / (1 + (difference / residual_scale) ** 2) ** 2
     down, right = jnp.gradient((shown + centre) / 2)
     return difference, weight, (down, right)
 
@@ -444,25 +453,27 @@ def _residual(
 @kept
 def _normal_equations(
     images: Float[Array, "n h w"],
-    centre_index: Int[Array, ""],
+    centre_number: Int[Array, ""],
     disparity: Float[Array, "h w"],
     positions: Float[Array, "n 2"],
     shifts: Float[Array, "n 2"],
-    scale: Float[Array, ""],
+    residual_scale: Float[Array, ""],
 ) -> tuple[Float[Array, "n 5 5"], Float[Array, "n 5"], Float[Array, " n"], Float[Array, " n"]]:
-    """Return the least-squares problem of the changes of each view, residual variance and loss.
+    """Return normal equations (matrix, vector), residual variance and loss of each view.
 
     The loss is the mean over the image of a robust function of the grey difference, in [0, 1].
     The unknowns are the shift at the mean disparity, the position, and the gain of the view.
     """
-    centre = images[centre_index]
+    centre = images[centre_number]
     relative = disparity - disparity.mean()
 
     def of_view(view: tuple[Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        difference, weight, (down, right) = _residual(view[0], centre, disparity, *view[1:], scale)
-        slopes = jnp.stack([down, right, -relative * down, -relative * right, centre])
-        weighted = (slopes * weight[None]).reshape(5, -1)
-        matrix = jnp.matmul(weighted, slopes.reshape(5, -1).T, precision="highest")
+        difference, weight, (down, right) = _residual(
+            view[0], centre, disparity, *view[1:], residual_scale
+        )
+        jacobian = jnp.stack([down, right, -relative * down, -relative * right, centre])
+        weighted = (jacobian * weight[None]).reshape(5, -1)
+        matrix = jnp.matmul(weighted, jacobian.reshape(5, -1).T, precision="highest")
         vector = -jnp.matmul(weighted, difference.reshape(-1), precision="highest")
         variance = (weight * difference**2).sum() / (weight.sum() + 1e-6)
         return matrix, vector, variance, 1 - weight.mean()
@@ -473,17 +484,19 @@ def _normal_equations(
 @kept
 def _improve_disparity(
     images: Float[Array, "n h w"],
-    centre_index: Int[Array, ""],
+    centre_number: Int[Array, ""],
     disparity: Float[Array, "h w"],
     positions: Float[Array, "n 2"],
     shifts: Float[Array, "n 2"],
-    scale: Float[Array, ""],
+    residual_scale: Float[Array, ""],
 ) -> Float[Array, "h w"]:
     """Make one Lucas-Kanade step of the disparity in windows of 5x5 pixels, from all views."""
-    centre = images[centre_index]
+    centre = images[centre_number]
 
     def add(sums: tuple[Array, Array], view: tuple[Array, Array, Array]):
-        difference, weight, (down, right) = _residual(view[0], centre, disparity, *view[1:], scale)
+        difference, weight, (down, right) = _residual(
+            view[0], centre, disparity, *view[1:], residual_scale
+        )
         slope = -(view[1][0] * down + view[1][1] * right)
         return (sums[0] + weight * slope**2, sums[1] - weight * slope * difference), None
 
@@ -494,9 +507,9 @@ def _improve_disparity(
 
 
 def _shifted_back(view: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Return a view ``[h, w, c]`` whose content was displaced by ``shift`` at its right place.
+    """Return a view ``[h, w, c]`` with the displacement ``shift`` of its content undone.
 
-    Interpolated by Lanczos' kernel; the border is repeated outwards.
+    Lanczos interpolation; the border is repeated outwards.
     """
     margin = int(np.ceil(np.abs(shift).max())) + 4
     moved = np.asarray(_translate(view, shift.astype(np.float32), margin=margin))

@@ -63,7 +63,7 @@ class ViewOrderReport:
             correction.
         relative_spacing: Spacing of the view columns relative to the declared camera positions, if
             the two clearly disagree; nothing is corrected then.
-        disorder: What makes the views inconsistent that is no view order: ``"serpentine"`` if every
+        disorder: Cause of inconsistent views other than the view order: ``"serpentine"`` if every
             second row runs backwards, ``"centre"`` if the centre view is not in its place.
     """
 
@@ -189,24 +189,22 @@ def _report_without_centre(
 ) -> ViewOrderReport:
     """Return the report on a light field whose centre view seems not to be in its place.
 
-    A neighbour of the centre view is taken as the centre, and the positions of the others are
-    measured against it: the centre view is in its place if only its neighbours are not.
+    A neighbour of the centre view is taken as the centre, and the positions of the other views are
+    measured relative to it. They may show that only neighbours of the centre view are misplaced.
     """
     parts = [part for axis in (0, 1) if (part := recentred(light_field, axis))]
-    others, inner, found = min(
+    others, rest, found = min(
         ((*part, _measure(part[0], config)) for part in parts),
         key=lambda each: each[-1].report.scores[DECLARED.name],
     )
-    measured_places = register(
-        others, found.report.brightness, found.disparity, found.scale, config
-    )
+    relative = register(others, found.report.brightness, found.disparity, found.scale, config)
     registration, misplaced = None, True
-    if measured_places is not None and measured_places.positions is not None:
+    if relative is not None and relative.positions is not None:
         moved = np.zeros(light_field.grid, bool)
-        moved[inner] = measured_places.moved
+        moved[rest] = relative.moved
         positions = view_offsets(*light_field.grid)
-        neighbour = positions[inner][centre_index(others.grid)]
-        positions[moved] = (measured_places.positions + neighbour)[measured_places.moved]
+        neighbour = positions[rest][centre_index(others.grid)]
+        positions[moved] = (relative.positions + neighbour)[relative.moved]
         positions = positions - positions[centre_index(light_field.grid)]
         registration = Registration(1.0, positions, None, moved)
         misplaced = bool(moved[centre_index(light_field.grid)])
@@ -249,10 +247,10 @@ def _registered_report(
     if registration is None:
         return report, False
     corrected = _measure(registration.apply(light_field), config).report
-    # A single view changes this little; another spacing must.
+    # The correction of single views hardly changes the score; that of the spacing must lower it.
     improvement = 0.0 if spacing is None else config.registration.min_improvement
-    most = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
-    if corrected.scores[DECLARED.name] > most:
+    limit = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
+    if corrected.scores[DECLARED.name] > limit:
         return report, True
     return dataclasses.replace(corrected, registration=registration), False
 
@@ -263,7 +261,7 @@ def view_order_scores(light_field: LightField, config: ViewOrderConfig) -> dict[
 
 
 def registered(light_field: LightField) -> tuple[LightField, tuple[str, ...]]:
-    """Return the light field with its views where the measurement found them, and what was changed.
+    """Return the light field with measured positions and undone shifts, and notes on the changes.
 
     Args:
         light_field: Any light field; it is measured unless it carries its report.
@@ -336,13 +334,13 @@ def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:
     if not conclusive and best != DECLARED:  # There is no reason to doubt the declared order.
         best, front, sign_known = DECLARED, None, False
         measurement = measure_disparity(fine, best)
-    otherwise = _clearly_worse(scores[DECLARED], scores[best], config)
-    only_the_sign = best == DECLARED.reversed_sign and sign_known
+    order_is_wrong = _clearly_worse(scores[DECLARED], scores[best], config)
+    sign_is_wrong = best == DECLARED.reversed_sign and sign_known
     report = ViewOrderReport(
         scores={o.name: score * fine_cross.brightness for o, score in scores.items()},
         best=best,
         conclusive=conclusive,
-        clearly_worse=conclusive and (otherwise or only_the_sign),
+        clearly_worse=conclusive and (order_is_wrong or sign_is_wrong),
         nearer_in_front=front,
         sign_known=sign_known,
         disparity_range=measurement.search_range,
@@ -408,7 +406,7 @@ def disparity_range_of(light_field: LightField) -> tuple[tuple[float, float], tu
 def _search(
     light_field: LightField, brightness: ViewBrightness, config: ViewOrderConfig
 ) -> tuple[ViewOrderConfig, CostVolumes]:
-    """Compare small images at all disparities, and at larger ones if many pixels need them.
+    """Compare small images at the usual disparities, and at larger ones if many pixels need them.
 
     For large disparities only the nearest views are compared: the others have too little in common
     with the centre view.
@@ -434,7 +432,7 @@ def _search(
     wide = CostVolumes(nearest, requested or size * config.max_wide_disparity)
     if requested is not None or (
         _fraction_beyond(wide, usual) > config.min_fraction_beyond
-        and _fraction_beyond(wide, usual, nearest) > 0.0  # takes as long again
+        and _fraction_beyond(wide, usual, nearest) > 0.0  # last, as it computes the costs again
     ):
         return wide_config, wide
     return config, CostVolumes(cross, usual)
@@ -446,8 +444,9 @@ def _fraction_beyond(volumes: CostVolumes, limit: float, cross: Cross | None = N
     Args:
         volumes: Costs of all candidates.
         limit: Largest absolute disparity, in pixels per view step.
-        cross: If given, the result is 0 if at most of these pixels the centre view repeats its own
-            content at that distance, as a wrongly split mosaic does.
+        cross: Views of the volumes. If given, the centre view is also compared with itself. The
+            result is 0 if at most of the found pixels it repeats its own content at that distance,
+            as in a wrongly split mosaic.
     """
     config, candidates = volumes.config, volumes.candidates
     orientation = _most_consistent(_scores(volumes), config)
@@ -467,11 +466,11 @@ def _fraction_beyond(volumes: CostVolumes, limit: float, cross: Cross | None = N
             dataclasses.replace(arm, images=np.stack([cross.centre] * len(arm.images)))
             for arm in cross.arms
         ]
-        repeated = CostVolumes(
+        own_costs = CostVolumes(
             dataclasses.replace(cross, arms=tuple(copies)), float(candidates[-1])
-        ).of(orientation)
-        own = np.take_along_axis(repeated[beyond], best[None], 0)[0]
-        unrepeated = own > config.clear_minimum * repeated[beyond].mean(0)
+        ).of(orientation)[beyond]
+        own_cost = np.take_along_axis(own_costs, best[None], 0)[0]
+        unrepeated = own_cost > config.clear_minimum * own_costs.mean(0)
         if unrepeated[found].mean() < 0.5:
             return 0.0
     return float(found.mean())
@@ -492,7 +491,7 @@ def _most_consistent(scores: dict[Orientation, float], config: ViewOrderConfig) 
 def _one_arm_disagrees(volumes: CostVolumes, best: Orientation) -> bool:
     """Return whether the declared view order is the better one without one of the arms.
 
-    A single misplaced view, which only one arm contains, must not show another view order.
+    A single misplaced view, which only one arm contains, must not decide for another view order.
     """
     return any(
         volumes.score(DECLARED, arm) <= volumes.score(best, arm) for arm in volumes.removable_arms

@@ -19,8 +19,8 @@ def column_spacing(volumes: CostVolumes, orientation: Orientation) -> float | No
     """Measure the spacing of the view columns in steps of the view rows.
 
     The ratio is the slope of the line through the origin that halves the pixels
-    ``(disparity from the column, disparity from the row)``, weighted by their distance from it:
-    small disparities say little about the ratio.
+    ``(disparity from the column, disparity from the row)``, weighted by their distance from the
+    origin: small disparities say little about the ratio.
 
     Args:
         volumes: Cost volumes of all view orders, computed for equal spacing.
@@ -67,6 +67,6 @@ def _disparity(volume: np.ndarray, volumes: CostVolumes) -> tuple[np.ndarray, np
 @kept
 def _winner(costs: Float[Array, "d h w"], candidates: Float[Array, " d"]) -> Float[Array, "h w"]:
     """Return the disparity of lowest cost."""
-    from occjax.ops import winner_takes_all  # only when it is traced
+    from occjax.ops import winner_takes_all  # a cached program does not need it
 
     return winner_takes_all(costs, candidates)
