@@ -270,7 +270,7 @@ def check_ground_truth(path: Path, disparity: np.ndarray, size: tuple[int, ...])
             f"{path}: ground truth is {list(disparity.shape)} {disparity.dtype} but the views are "
             f"{list(size)}; put the right file there or remove it"
         )
-    with np.errstate(over="ignore"):  # what float32 cannot store becomes infinite: no truth
+    with np.errstate(over="ignore"):  # values beyond float32 become infinite, which is no value
         disparity = np.ascontiguousarray(disparity, np.float32)
     finite = np.abs(disparity[np.isfinite(disparity)])
     if finite.size and finite.max() > max(size):
@@ -329,10 +329,10 @@ def _find_views(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> n
     name = key or "views"
     named = arrays if name in arrays else _lower_case(path, arrays)
     if name not in named:
-        names = [name for name in arrays if name]
+        present = [array for array in arrays if array]
         raise InputError(
             f"{path}: has no array {name!r} (it has: {listed(arrays)}); "
-            f"{nearest(name, names, otherwise='pass key (--key NAME)')}"
+            f"{nearest(name, present, otherwise='pass key (--key NAME)')}"
         )
     return named[name]
 

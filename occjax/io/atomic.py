@@ -2,7 +2,8 @@
 
 A writer fills a temporary file or folder next to the final one, which is renamed at the end. An
 error, a full disk or an interrupted run leaves no incomplete result. A killed process leaves its
-temporary files, whose names say who made them; :func:`remove_remains` removes them.
+temporary files; their names contain machine and process, by which :func:`remove_remains` removes
+them.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from pathlib import Path
 from occjax.errors import InputError
 
 MAX_WRITING_SECONDS = 24 * 3600.0
-"""Age above which a temporary file of another machine is taken for that of a killed process."""
+"""Age above which a temporary file of another machine counts as left by a killed process."""
 
 
 TEMPORARY_NAME = re.compile(
@@ -252,7 +253,8 @@ def _move_into_place(
     for name in (marker, *stale):
         if name is not None and not (path / name).is_dir():
             (path / name).unlink(missing_ok=True)
-    for source, target in sorted(moves, key=lambda move: move[1].name == marker):
+    marker_last = sorted(moves, key=lambda move: move[1].name == marker)
+    for source, target in marker_last:
         if source.is_dir():
             target.mkdir(exist_ok=True)
         else:

@@ -34,9 +34,9 @@ def axis_roles(shape: Sequence[int]) -> tuple[str, ...]:
     usual, *_ = _ROLES[len(shape)]
     certain = tuple(roles for roles in _ROLES[len(shape)] if _is_certain(shape, roles))
     v, u, h, w, c = (*shape, 1)[:5]
-    possible = c <= 4 and not (v > h and u > w) and (len(shape) == 5 or w > 4)
-    doubtful = min(h, w) < MIN_CERTAIN_SIZE_PX or v > h or u > w
-    if possible and (usual in certain or not (doubtful and certain)):
+    usual_possible = c <= 4 and not (v > h and u > w) and (len(shape) == 5 or w > 4)
+    usual_doubtful = min(h, w) < MIN_CERTAIN_SIZE_PX or v > h or u > w
+    if usual_possible and (usual in certain or not (usual_doubtful and certain)):
         return (usual,)
     return certain
 
@@ -69,8 +69,8 @@ def axis_order(roles: str, *, reverse: bool) -> str:
 def named_axis_order(names: str, shape: Sequence[int]) -> str | None:
     """Return the order of the axes by their names in a file.
 
-    The letters v, u and t, s are used for views and pixels in either way; the axes of the images
-    are the larger ones.
+    Some programs use v, u for the views and t, s for the pixels, others the reverse. The larger
+    pair of axes is taken as that of the pixels.
 
     Args:
         names: Names of the axes in their order, for instance ``"v:u:t:s"`` or ``"v,u,y,x,c"``.

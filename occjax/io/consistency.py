@@ -1,4 +1,4 @@
-"""Decisions between several readings of the views or the truth by their photo-consistency."""
+"""Choice among readings of the views, or of the ground truth, by photo-consistency."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def _read_light_field(
     stored = arrays[name]
     order = "HW"
     if len(stored.shape) == 2:
-        image, order = stored.read(), "HW"
+        image = stored.read()
         if stored.reversed or (stored.reversed is None and "_SAI_" in name):  # written by MATLAB
             image, order = image.T, "WH"
         views = check_views(path, _tiled_views(path, name, image, grid))
@@ -148,7 +148,8 @@ def _read_light_field(
         if not order.startswith("VUHW"):
             doubt = "; save it as [V, U, H, W, C] if that is wrong"
         elif "axes" not in stored.attributes and views.shape[2] > views.shape[3]:
-            # If grid and images are both transposed, the views are as consistent.
+            # With grid and images both transposed, the views are as consistent. Only the shape of
+            # the images is a sign of it.
             doubt = (
                 ", images higher than wide; if they lie on their side, it is "
                 f"[{', '.join(order.translate(_TRANSPOSED))}]; save it as [V, U, H, W, C]"
@@ -214,7 +215,8 @@ def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
             "H, W (pixels) and C (colours) is plausible; save the views as [V, U, H, W, C], or "
             "pass grid (--grid V U) for [V * U, H, W, C]"
         )
-    # Other programs than MATLAB rarely put the axes of the images before those of the views.
+    # Other programs than MATLAB rarely put the axes of the images before those of the views, so if
+    # the writer is unknown, this order is read as MATLAB's.
     matlab = [
         role.startswith(("S", "CS")) if stored.reversed is None else stored.reversed
         for role in roles

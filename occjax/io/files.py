@@ -49,9 +49,9 @@ def reading(path: Path) -> Iterator[None]:
 def decoder_errors(source: Path | str, what: str, *, remedy: str) -> Iterator[None]:
     """Turn every failure of a decoder into an :class:`InputError`.
 
-    Decoders raise exceptions of any type for damaged files, so all types are caught, with those of
-    memory and recursion. The body should contain the call of the decoder and nothing else, because
-    an error of the program inside it would be reported as a damaged file.
+    Decoders raise exceptions of any type for damaged files, so all types are caught, including
+    MemoryError and RecursionError. The body should contain the call of the decoder and nothing
+    else, because an error of the program inside it would be reported as a damaged file.
 
     Args:
         source: What the body decodes, for the message.

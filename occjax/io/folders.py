@@ -57,8 +57,8 @@ def read_folder(
         progress: Called after each view.
 
     Returns:
-        The light field as stored, named after the folder, whose views all count as ``usable``; and
-        the files of the views, which say which are (:meth:`ViewFiles.usable`).
+        The light field as stored, named after the folder, with ``usable`` None even if views are
+        missing; and the files of the views, whose :meth:`ViewFiles.usable` gives the mask.
 
     Raises:
         InputError: If the views form no grid, many cannot be read or have different sizes, or
@@ -115,7 +115,7 @@ def read_folder(
 
 
 def _file_names(folder: Path, *, nested: bool) -> list[str]:
-    """Return the files in the folder, or below it, by their relative path; not the hidden ones."""
+    """Return the relative paths of the visible files in a folder, or anywhere below it."""
     with reading(folder):
         if nested:
             below = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
@@ -146,7 +146,7 @@ def subfolder_patterns(folder: Path) -> list[str]:
     """
     with reading(folder):
         files = (path.relative_to(folder).as_posix() for path in folder.glob("*/*"))
-        names = [name for name in files if "." not in (name[0], name[name.index("/") + 1])]
+        names = [name for name in files if not name.startswith(".") and "/." not in name]
     return fitting_patterns([name for name in names if name.lower().endswith(IMAGE_SUFFIXES)])
 
 
@@ -209,8 +209,9 @@ def _read_views(
                 progress(done, len(paths))
     finally:
         pool.shutdown(cancel_futures=True)
-    usual, most = _format(reference), max(1.0, config.max_unusable_fraction * len(paths))
-    if len(formats) > most:
+    usual = _format(reference)
+    max_unusable = max(1.0, config.max_unusable_fraction * len(paths))
+    if len(formats) > max_unusable:
         counts = Counter({usual: int(present.sum())}) + Counter(formats.values())
         listed = " and ".join(f"{count} of {kind}" for kind, count in counts.most_common())
         names = first_few([path.name for path in formats])
@@ -218,7 +219,7 @@ def _read_views(
             f"{folder}: has views of different sizes or types, {listed}; all must be the same; "
             f"crop, convert or remove those that differ from the centre view ({names})"
         )
-    if len(broken) > most:
+    if len(broken) > max_unusable:
         raise broken[0]
     problems = [str(error) for error in broken]
     problems += [f"{path}: is {kind}, not {usual}" for path, kind in formats.items()]

@@ -24,9 +24,9 @@ def check_frames(
 ) -> None:
     """Refuse several frames of numbered cameras, which look like a grid by their names.
 
-    The first or the second number of the names may be that of the frame. Nothing changes from one
-    frame to the next that depends on the direction of the frames. So only views that are clearly
-    more consistent in one view order than in all others need no comparison: they are a grid.
+    The first or the second number of the names may be that of the frame. Frames are as consistent
+    in the reverse order. So if views are clearly more consistent in one view order than in all
+    others, they are a grid and need no comparison.
 
     Args:
         stored: The views as stored.
@@ -98,17 +98,18 @@ def _grid_of_frames(
     grids = [(v, cameras // v) for v in range(2, cameras // 2 + 1) if cameras % v == 0]
     grids.sort(key=lambda grid: abs(grid[0] - grid[1]), reverse=True)
     if grids and present[middle].all():
-        # Two frames, so that one swapped view does not decide; central views are not vignetted.
+        # Two frames must agree, so that one swapped view does not decide. The middle ones are the
+        # least vignetted.
         readings = [offsets[count // 2], *map(places, grids)]
         found = [best_reading(frame, readings) for frame in frames[middle]]
         if all(best.number > 0 or best.alike for best in found):
             number = max(1, *(best.number for best in found))
             return grids[number - 1], all(best.number > 0 and best.clear for best in found)
-    around = middle, slice(max(0, cameras // 2 - 1), cameras // 2 + 2)
-    if present[around].all():
-        views = frames[around].reshape(-1, *frames.shape[2:])
-        grid = offsets[around].reshape(-1, 2)
-        still = grid * (np.ptp(offsets[0], axis=0) > 0)  # from one frame to the next
+    near_centre = middle, slice(max(0, cameras // 2 - 1), cameras // 2 + 2)
+    if present[near_centre].all():
+        views = frames[near_centre].reshape(-1, *frames.shape[2:])
+        grid = offsets[near_centre].reshape(-1, 2)
+        still = grid * (np.ptp(offsets[0], axis=0) > 0)  # cameras that do not move between frames
         best = best_reading(views, [grid, still])
         if best.number == 1:
             return (1, cameras), best.clear

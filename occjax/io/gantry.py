@@ -31,6 +31,7 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
     Raises:
         InputError: If neighbouring cameras have the same position.
     """
+    # Names without the last underscore (``tail``) have Y upwards.
     measured = np.array(
         [
             ((1.0 if match["tail"] else -1.0) * float(match["y"]), float(match["x"]))
@@ -40,8 +41,8 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
     positions = _regular(np.array(list(named.matches)), measured, named.grid)
     positions[tuple(np.transpose(list(named.matches)))] = measured
     named, positions = arranged(folder, named, positions)
-    present = [step for step in spacing(positions) if step]
-    return named, relative_to_centre(positions, float(np.mean(present)) if present else 1.0)
+    steps = [step for step in spacing(positions) if step]
+    return named, relative_to_centre(positions, float(np.mean(steps)) if steps else 1.0)
 
 
 def _regular(indices: np.ndarray, measured: np.ndarray, grid: tuple[int, int]) -> np.ndarray:

@@ -62,9 +62,10 @@ def read_exr(path: Path, file_bytes: int) -> np.ndarray:
 def tone_mapped(
     path: Path, views: np.ndarray, config: ReadingConfig = ReadingConfig()
 ) -> np.ndarray:
-    r"""Return views of integers or in [0, 1], by one mu-law for all views if they are neither.
+    r"""Return views as integers or in [0, 1]; others are mapped to [0, 1] by a mu-law.
 
-    ``log(1 + mu x / white) / log(1 + mu)``, which keeps differences in dark and bright parts.
+    The mu-law ``log(1 + mu x / white) / log(1 + mu)`` is the same for all views. It keeps
+    differences in dark and bright parts.
 
     Args:
         path: File or folder of the views, for the message.
@@ -72,8 +73,8 @@ def tone_mapped(
         config: Thresholds.
 
     Returns:
-        The views as they are if they are integers or in [0, 1]; as integers if they are whole
-        numbers of 8 or 16 bits; else mapped views, float32.
+        The views as they are if they are integers, in [0, 1], or not finite (refused by a later
+        check); as integers if they are whole numbers of 8 or 16 bits; else mapped views, float32.
 
     Warns:
         UserWarning: If the views are changed.

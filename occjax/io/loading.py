@@ -97,8 +97,8 @@ def load(
         ViewOrderWarning: If another view order is clearly better, none is consistent, or the ground
             truth is upside down, mirrored or has the opposite sign.
         GridWarning: If the grid, the pattern of the names or the order of axes is guessed, if the
-            images allow another reading of them, if views are missing, or if the unit of positions
-            in an ``.npz`` is no view step.
+            images allow another reading of them, if views are missing, or if the positions in an
+            ``.npz`` seem not to be in view steps.
         UserWarning: If views of high dynamic range are tone-mapped.
 
     Example:
@@ -121,7 +121,8 @@ def load(
     with reading(path):
         path.stat()
     stored, files = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
-    mosaic = files is None and path.suffix.lower() in IMAGE_SUFFIXES  # a quilt has another grid
+    mosaic = files is None and path.suffix.lower() in IMAGE_SUFFIXES
+    # A mosaic was split by this grid, and a quilt of these tiles becomes one row of views.
     if grid is not None and not mosaic and layout != "quilt" and stored.grid != tuple(grid):
         raise InputError(
             f"{path}: has {stored.grid[0]}x{stored.grid[1]} views, not {grid[0]}x{grid[1]}; "
@@ -157,15 +158,15 @@ def load(
         light_field = dataclasses.replace(light_field, name=name)
     if check_orientation and light_field.grid != (1, 1):
         report = check(light_field, ViewOrderConfig(max_disparity_px=max_disparity))
-        named_alone = grid is None and order != "serpentine" and stored.calibration is None
-        if files is not None and named_alone and stored.positions is None:
-            declares = layout is not None or pattern is not None
-            check_frames(stored, files, declared, report, declared=declares)
+        from_names = grid is None and order != "serpentine" and stored.calibration is None
+        if files is not None and from_names and stored.positions is None:
+            names_declared = layout is not None or pattern is not None
+            check_frames(stored, files, declared, report, declared=names_declared)
         _warn_of_view_order(path, light_field, declared, report)
         light_field = dataclasses.replace(light_field, view_order_report=report)
         truth = light_field.ground_truth
-        known = truth is not None and bool(np.isfinite(truth).any())
-        if known and not report.clearly_worse and (fault := truth_fault(light_field)):
+        has_truth = truth is not None and bool(np.isfinite(truth).any())
+        if has_truth and not report.clearly_worse and (fault := truth_fault(light_field)):
             warnings.warn(
                 f"{path}: the ground truth agrees with the views if {fault}; correct its file",
                 ViewOrderWarning,

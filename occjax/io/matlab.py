@@ -1,4 +1,4 @@
-"""Numeric arrays of ``.mat`` files of versions 5 to 7, read from their definition.
+"""Reader of the numeric arrays of ``.mat`` files of versions 5 to 7.
 
 ``scipy.io.loadmat`` is not used, because damaged files can crash the process in its compiled code.
 The format is that of MathWorks, "MAT-File Format": a header of 128 bytes, then elements of a type,
@@ -68,6 +68,7 @@ def read_mat_arrays(path: Path) -> dict[str, np.ndarray]:
             dtype = np.dtype(_CLASSES[flags & 0xFF])
             total += math.prod(sizes) * dtype.itemsize
             limits.check_bytes(path, total, len(data))
+            # Adds nothing to an array that is not compressed.
             body += inflate.decompress(inflate.unconsumed_tail, math.prod(sizes) * 8 + 64)
             stored, numbers, _ = _element(body, start, order)
             values = np.frombuffer(numbers, order + _TYPES[stored], math.prod(sizes))

@@ -47,8 +47,8 @@ def read_mosaic(
 
     Warns:
         GridWarning: If tiles are read as a quilt because of their photo-consistency, the content of
-            a quilt repeats as in other tiles, or the image looks like a MacPI image of another
-            grid.
+            a quilt repeats at other distances than those of its tiles, or the image looks like a
+            MacPI image of another grid.
     """
     named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem, re.IGNORECASE)
     if kind == "quilt" or (kind is None and named):
@@ -213,6 +213,7 @@ def repeated_tiles(
         if not counts:
             return None
         change = {n: _change(lines, n) for n in counts}
+        # The largest count, since content also repeats at multiples of the tile size.
         grid.append(next(n for n in counts if change[n] <= 1.2 * min(change.values())))
     return grid[0], grid[1]
 
@@ -226,7 +227,7 @@ def _change(lines: np.ndarray, count: int) -> float:
 def _warn_of_other_tiles(
     path: Path, image: np.ndarray, tiles: tuple[int, int], config: ReadingConfig
 ) -> None:
-    """Warn if the content of a quilt repeats as in other tiles than those that are declared."""
+    """Warn if the content of a quilt repeats at other distances than those of the given tiles."""
     grey = to_grey(image)
     found = repeated_tiles(grey, config)
     if found is None:

@@ -23,7 +23,7 @@ MAX_HEADER_BYTES = 2**14
 """Number of bytes in which the header, with its comments, must end."""
 
 MAX_WORD_LENGTH = 32
-"""Number of characters of width, height and scale, which is that of no real file."""
+"""Largest number of characters of width, height and scale; those of real files are shorter."""
 
 
 def read_pfm(path: str | Path) -> np.ndarray:
@@ -120,17 +120,12 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
         start = end
     try:
         magic, columns, rows, factor = words
-        channels, width, height, scale = (
-            {"Pf": 1, "PF": 3}[magic],
-            int(columns),
-            int(rows),
-            float(factor),
-        )
+        channels = {"Pf": 1, "PF": 3}[magic]
+        width, height, scale = int(columns), int(rows), float(factor)
     except (KeyError, ValueError):
         channels, width, height, scale = 0, 0, 0, 0.0
-    if max(map(len, words)) > MAX_WORD_LENGTH:
-        width = 0
-    if width < 1 or height < 1 or scale == 0.0 or not math.isfinite(scale):
+    too_long = max(map(len, words)) > MAX_WORD_LENGTH
+    if too_long or width < 1 or height < 1 or scale == 0.0 or not math.isfinite(scale):
         raise InputError(
             f"{path}: the PFM header is {' '.join(words)[:40]!r}; it must be PF or Pf, width, "
             "height and a scale other than 0 (-1.0 for little-endian values); write it again"

@@ -65,8 +65,8 @@ def arranged(
     """
     positions = np.asarray(positions, np.float64)
     order = np.arange(math.prod(named.grid)).reshape(named.grid)
-    along = np.abs([[_step(positions, axis, c) for c in (0, 1)] for axis in (0, 1)])
-    if along[0, 1] + along[1, 0] > along[0, 0] + along[1, 1]:
+    steps = np.abs([[_step(positions, axis, c) for c in (0, 1)] for axis in (0, 1)])
+    if steps[0, 1] + steps[1, 0] > steps[0, 0] + steps[1, 1]:  # the rows are columns of cameras
         positions, order = positions.swapaxes(0, 1), order.T
     if _step(positions, 0, 0) < 0:
         positions, order = positions[::-1], order[::-1]
@@ -127,7 +127,7 @@ def _step(positions: np.ndarray, axis: int, component: int) -> float:
 
 
 def _read_csv(path: Path) -> np.ndarray:
-    """Read one line ``row,column`` for each view; a first line that is no numbers is a heading."""
+    """Read one line ``row,column`` for each view; a first line of other text is a heading."""
     remedy = "write one line 'row,column' for each view, in the order of the views"
     with decoding(path, "a table of two columns", remedy=remedy, max_bytes=2**24) as file:
         lines = file.read().decode("utf-8-sig").splitlines()

@@ -49,7 +49,7 @@ def check_video(path: Path, frames_per_second: float) -> None:
 def write_video(
     path: str | Path, frames: Iterable[np.ndarray], *, frames_per_second: float = 12.0
 ) -> int:
-    """Write a video that repeats without end where the format can say so, atomically.
+    """Write a video atomically; ``.webp`` and ``.gif`` repeat without end.
 
     Args:
         path: ``.mp4`` (H.264, for which an odd number of rows or columns is extended by one),
@@ -74,14 +74,14 @@ def write_video(
     """
     path = Path(path)
     check_video(path, frames_per_second)
-    counted, count = iter(frames), 0
-    first = next(counted, None)
+    remaining, count = iter(frames), 0
+    first = next(remaining, None)
     if first is None:
         raise InputError(f"{path}: there is no frame to write; pass at least one")
 
     def all_frames() -> Iterator[np.ndarray]:
         nonlocal count
-        for frame in chain([first], counted):
+        for frame in chain([first], remaining):
             count += 1
             yield frame
 

@@ -35,7 +35,8 @@ class NamedViews:
         matches: Matched file name of each view that is there, by its index ``(v, u)`` from zero.
         other_grid: ``(V, U)`` of a second reading of the names, row by row in the same order: one
             row of views may also be a square whose views are numbered. None if there is only one.
-        guess: If the grid was guessed from the number of views, how they are ordered; else None.
+        guess: If the grid was guessed from the number of views, the end of the warning (empty, or
+            how the views are ordered); else None.
         missing: File name that each view that is not there would have, by its index.
     """
 
@@ -55,7 +56,8 @@ class NamedViews:
         """Return the same views in another order.
 
         Args:
-            order: ``[V, U]`` number, row by row in the present grid, of the view at each place.
+            order: ``[V, U]`` number, counted row by row in the present grid, of the view at each
+                place of the new grid.
         """
         places = {divmod(int(k), self.grid[1]): index for index, k in np.ndenumerate(order)}
         matches = {places[index]: match for index, match in self.matches.items()}
@@ -140,9 +142,9 @@ def arrange_by_row_and_column(
 ) -> NamedViews:
     """Arrange views that are named by row and column, starting from any row and column.
 
-    A given grid that has as many views as the names, which show one row or one column, is obeyed:
-    the other index is then a frame number. Rows or columns that a given grid has in addition to
-    the names are missing; there must be equally many on both sides.
+    If the names show one row or one column, a given grid of as many views replaces it: the constant
+    index is then a frame number. Rows or columns that a given grid has in addition to the names are
+    missing; there must be equally many on both sides.
 
     Args:
         folder: Name of the folder, for messages.
@@ -213,9 +215,9 @@ def _incomplete(
     }
     if not missing:
         return named
-    are = "is" if len(missing) == 1 else "are"
+    verb = "is" if len(missing) == 1 else "are"
     warnings.warn(
-        f"{folder}: {len(missing)} of the {named.grid[0]}x{named.grid[1]} views {are} missing "
+        f"{folder}: {len(missing)} of the {named.grid[0]}x{named.grid[1]} views {verb} missing "
         f"({first_few(list(missing.values()))}) and not used",
         GridWarning,
         stacklevel=5,

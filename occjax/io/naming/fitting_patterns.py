@@ -60,8 +60,8 @@ def fitting_patterns(names: list[str]) -> list[str]:
         for suffix, group in stems.items()
         if len(group) > len({_stem(PurePosixPath(name)) for name in names}) / 2
     }
-    complete = [patterns for patterns, fills in readings.values() if fills]
-    return [*complete, *(patterns for patterns, _ in readings.values()), []][0]
+    filling_first = sorted(readings.values(), key=lambda reading: not reading[1])
+    return filling_first[0][0] if filling_first else []
 
 
 def _stem(path: PurePosixPath) -> str:
@@ -82,7 +82,8 @@ def _suffixes(paths: list[PurePosixPath]) -> list[str]:
 def _fitting(template: str, suffix: str, stems: list[str]) -> tuple[list[str], bool]:
     """Return the patterns that fit names of one template, and whether the names fill a grid."""
     columns = list(zip(*(_FIELD.findall(stem) for stem in stems), strict=True))
-    different: dict[tuple[int, ...], int] = {}  # the first of the fields that vary in the same way
+    # Fields that are equal in the same names vary in the same way; the first of them is used.
+    different: dict[tuple[int, ...], int] = {}
     for index, values in enumerate(columns):
         if len(set(values)) > 1:
             different.setdefault(tuple(map(values.index, values)), index)

@@ -80,9 +80,9 @@ def find_views(
 
 
 def _warn_of_ignored(folder: str, names: list[str], matches: list[re.Match[str]]) -> None:
-    """Warn of images that are not read and whose names differ from those of views in the suffix.
+    """Warn of images that are ignored only because their suffix differs from that of the views.
 
-    An image with the name of a view that is read is not among them.
+    An image that has the name of a view but another suffix is not reported.
     """
     read = {PurePosixPath(match.string).with_suffix("") for match in matches}
     sample = matches[0]
