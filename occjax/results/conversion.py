@@ -43,8 +43,8 @@ def convert_map(content: Map, to: Quantity, calibration: Calibration) -> Map:
 
     Returns:
         The converted map, or ``content`` if it already has that quantity. Depth is infinite where
-        the disparity is at most that of infinitely distant points; NaN is no disparity, or no
-        positive depth.
+        the disparity is at most that of infinitely distant points; NaN where there is no disparity,
+        or no positive depth.
 
     Example:
         >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
@@ -79,7 +79,7 @@ def normals(content: Map, calibration: Calibration) -> np.ndarray:
         >>> normals(Map(np.zeros((3, 3)), "disparity"), camera)[1, 1, 2].round(6).item()
         1.0
     """
-    # In functions, since a relief in pixels needs no JAX.
+    # Imported in the functions that need JAX, since points in pixels need none.
     from occjax.ops.geometry import back_project, in_double, surface_normals
 
     depth = convert_map(content, "depth", calibration)
@@ -162,13 +162,13 @@ def points_at(
 def flying_pixels(disparity: np.ndarray, *, max_step: float = 0.02) -> np.ndarray:
     """Find pixels between two surfaces, which belong to neither.
 
-    At a depth edge an estimate may pass through disparities at which nothing is. A pixel is such a
-    flying pixel if fewer than half of its eight neighbours have a similar disparity.
+    At a depth edge an estimate may pass through disparities at which there is no surface. A pixel
+    is such a flying pixel if fewer than half of its eight neighbours have a similar disparity.
 
     Args:
         disparity: ``[H, W]``, pixels per view step.
-        max_step: Difference of neighbours on one surface, at most, as a fraction of the range of
-            the map.
+        max_step: Largest difference of neighbours on one surface, as a fraction of the range of the
+            map.
 
     Returns:
         ``[H, W]`` booleans; pixels without a value are flying pixels.
@@ -188,7 +188,8 @@ def flying_pixels(disparity: np.ndarray, *, max_step: float = 0.02) -> np.ndarra
     for y, x in np.ndindex(3, 3):
         neighbour = padded[y : y + height, x : x + width]
         similar += np.abs(neighbour - disparity) <= max_step * (high - low)
-    return similar - 1 < 8 / 2  # a pixel is similar to itself
+    similar_neighbours = similar - 1  # without the pixel itself
+    return similar_neighbours < 8 / 2
 
 
 def write_points(

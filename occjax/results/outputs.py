@@ -75,8 +75,8 @@ class OutputOptions:
 
     Attributes:
         save: Groups of files, some of :data:`occjax.results.groups.GROUPS`.
-        min_confidence: Confidence in [0, 1] below which a pixel has no point in the cloud, which
-            then has no flying pixels at depth edges either; None for all pixels with signal.
+        min_confidence: Confidence in [0, 1] below which a pixel has no point in the cloud; flying
+            pixels then have none either. None for the points of all pixels with signal.
     """
 
     save: tuple[str, ...] = DEFAULT_GROUPS
@@ -99,7 +99,7 @@ def output_options(save: str | tuple[str, ...], min_confidence: float | None) ->
         min_confidence: See :class:`OutputOptions`.
 
     Raises:
-        InputError: If a name or the confidence is unknown.
+        InputError: If a name is unknown or the confidence is outside [0, 1].
 
     Example:
         >>> output_options("maps, cloud", None).save
@@ -181,13 +181,13 @@ def write_outputs(
         text = json.dumps(content, indent=2)
         (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
         names = _names(temporary)
-    if estimate.views is None:  # of an earlier estimate
+    if estimate.views is None:  # An earlier estimate may have left maps of all views.
         shutil.rmtree(folder / FOLDER, ignore_errors=True)
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
 
 
 def _names(folder: Path) -> list[str]:
-    """Return the names of all files, those in a folder of it with its name."""
+    """Return the relative paths of all files in a folder and below it."""
     files = (path for path in folder.rglob("*") if path.is_file())
     return sorted(path.relative_to(folder).as_posix() for path in files)
 

@@ -29,14 +29,15 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
     disparity = read_map(folder).values
     summary = read_summary(folder / SUMMARY)
 
-    def optional(name: str, shape: tuple[int, ...] = disparity.shape) -> np.ndarray | None:
+    def optional(name: str) -> np.ndarray | None:
         path = folder / name
         if not path.is_file():
             return None
         array = read_npy(path)
-        if array.shape[-len(shape) :] != shape:
+        if array.shape[-2:] != disparity.shape:
             raise InputError(
-                f"{path}: is {list(array.shape)} but disparity.pfm is {list(shape)}; estimate again"
+                f"{path}: is {list(array.shape)} but disparity.pfm is {list(disparity.shape)}; "
+                "estimate again"
             )
         return array.astype(np.float32)
 
@@ -73,7 +74,8 @@ def _stored_light_field(
 ) -> LightField | None:
     """Return the stored part of the light field, which older folders do not have.
 
-    Only the centre view is usable. The memory of the others is never touched, so it is not used.
+    Only the centre view is usable. The other views cost no memory, because their zeros are never
+    read or written.
     """
     if not (folder / "centre.png").is_file():
         return None

@@ -35,8 +35,8 @@ class FusionConfig:
     """Settings of the fused point cloud.
 
     Attributes:
-        min_agreeing: Number of other views that must confirm a point; less on grids that have fewer
-            views.
+        min_agreeing: Number of other views that must confirm a point, or the largest number that
+            occurs if that is smaller.
         min_consistency: Consistency below which a point is an outlier.
     """
 
@@ -50,9 +50,9 @@ def fused_points(
     """Fuse the maps of all views into one cloud, without outliers and duplicates.
 
     A point has the coordinates ``(y, x, d)``: where the centre view would see it, and its
-    disparity. Of all points in one cell, a pixel wide and as deep as the tolerance of the maps, the
-    one of the view nearest to the centre is kept, unless the cell in front of it or behind it has a
-    point of another view.
+    disparity. Cells are a pixel wide and as deep as the tolerance of the maps. The views are added
+    in the order of their distance from the centre view. A view adds one point to a cell if no view
+    before it has a point there, or in the cell in front or behind.
 
     Returns:
         ``[N, 3]`` float64 points ``(y, x, d)`` and ``[N, 3]`` uint8 colours.
