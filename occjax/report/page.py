@@ -63,7 +63,6 @@ def write_report(path: str | Path, scenes: Sequence[ReportScene]) -> None:
         colours=_colours(),
         columns=[column for column in COLUMNS if any(column[1](s.summary) for s in scenes)],
         whole_grid=_whole_grid,
-        bad=f"{BAD_PIXEL_THRESHOLD:g}",
     )
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -109,7 +109,7 @@ def report_scene(
     disparity = np.where(signal, estimate.disparity, np.nan)
     truth = light_field.ground_truth
     norm = disparity_limits(disparity, estimate.confidence, truth)
-    # More digits of the confidence than are shown would not compress.
+    # Two digits are shown; further digits would only make the file larger.
     confidence = np.where(signal, np.round(estimate.confidence, 2), np.nan)
     maps = {
         "disparity": packed(disparity[::step, ::step]),
@@ -138,9 +138,10 @@ def report_scene(
 def packed(values: np.ndarray) -> dict[str, Any]:
     """Return a map as 16-bit codes, compressed, in text.
 
-    A value is ``low + scale * code``. Codes are stored as differences from the pixel to the left
-    (that of the first column from the pixel above), folded to positive numbers, first the upper
-    bytes of all, then the lower bytes: these are small and compress well.
+    A value is ``low + scale * code``. Codes are stored as differences from the pixel to the left,
+    in the first column from the pixel above. Zigzag coding turns the differences 0, -1, 1, -2, ...
+    into 0, 1, 2, 3, ... The upper bytes of all pixels come first, then the lower bytes. Such data
+    compress well, because neighbouring pixels have similar values.
 
     Args:
         values: ``[H, W]``; pixels that are not finite have the code :data:`NO_VALUE`.
@@ -162,8 +163,8 @@ def packed(values: np.ndarray) -> dict[str, Any]:
     change = np.diff(codes, axis=1, prepend=0)
     change[:, 0] = np.diff(codes[:, 0], prepend=0)
     change = (change + 32768) % 65536 - 32768
-    folded = np.where(change < 0, -2 * change - 1, 2 * change).astype(np.uint16)
-    planes = np.stack([folded >> 8, folded & 255]).astype(np.uint8)
+    zigzag = np.where(change < 0, -2 * change - 1, 2 * change).astype(np.uint16)
+    planes = np.stack([zigzag >> 8, zigzag & 255]).astype(np.uint8)
     codes_text = base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode("ascii")
     return {"low": low, "scale": scale, "codes": codes_text}
 
@@ -171,7 +172,7 @@ def packed(values: np.ndarray) -> dict[str, Any]:
 def _camera(
     calibration: Calibration | None, image_size: tuple[int, int], step: int
 ) -> dict[str, float] | None:
-    """Return focal length in shown pixels, and slope and constant of inverse depth in disparity."""
+    """Return focal length in shown pixels, and inverse depth as slope * disparity + constant."""
     if calibration is None:
         return None
     zero, one = (calibration.inverse_depth(d, image_size) for d in (0.0, 1.0))
@@ -186,7 +187,7 @@ def _occlusion(
     if occlusion is None:
         return None
     centre = centre_index(occlusion.shape[:2])
-    if view is not None:  # the light field is the middle of the grid around the view
+    if view is not None:  # The grid is padded so that the view is its centre; remove the padding.
         rows, columns = (
             slice(at - own, 2 * at - own + 1) for at, own in zip(centre, view, strict=True)
         )

@@ -17,8 +17,8 @@ async function unpack(map, height, width) {
   for (let y = 0, i = 0; y < height; y++) {
     let code = first;
     for (let x = 0; x < width; x++, i++) {
-      const folded = (planes[i] << 8) | planes[count + i];
-      code = (code + (folded & 1 ? -(folded + 1) / 2 : folded / 2)) & 65535;
+      const zigzag = (planes[i] << 8) | planes[count + i];
+      code = (code + (zigzag & 1 ? -(zigzag + 1) / 2 : zigzag / 2)) & 65535;
       if (x === 0) first = code;
       values[i] = code === NO_VALUE ? NaN : map.low + map.scale * code;
     }
