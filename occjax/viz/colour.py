@@ -41,7 +41,7 @@ def error_colours(threshold: float, limit: float) -> Colormap:
         threshold: Error above which a pixel is bad, in pixels per view step.
         limit: Error at which the colours end; they cover ``-limit`` to ``limit``.
     """
-    diverging = colormaps["RdBu_r"]
+    diverging = colormaps["RdBu_r"]  # white at 0.5
     error = np.linspace(-limit, limit, 1001)
     size = np.abs(error)
     tint = 0.16 * size / threshold

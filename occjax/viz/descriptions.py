@@ -20,7 +20,7 @@ UNIT = "pixels per view step"
 
 @dataclass(frozen=True)
 class Description:
-    """What there is to say of an object.
+    """Title and properties of an object, in words.
 
     Attributes:
         title: Kind and name, number of views and pixels, type.

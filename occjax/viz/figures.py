@@ -158,8 +158,8 @@ def occlusion_figure(
     tiles = small.repeat(zoom, -2).repeat(zoom, -1)
     tiles = colours(norm(np.ma.masked_invalid(tiles)))[..., :3]
     height, width = tiles.shape[2:4]
-    white = [(0, 0), (0, 0), (0, gap), (0, gap), (0, 0)]
-    mosaic = np.pad(tiles, white, constant_values=1.0).transpose(0, 2, 1, 3, 4)
+    gaps = [(0, 0), (0, 0), (0, gap), (0, gap), (0, 0)]
+    mosaic = np.pad(tiles, gaps, constant_values=1.0).transpose(0, 2, 1, 3, 4)
     mosaic = mosaic.reshape(rows * (height + gap), columns * (width + gap), 3)[:-gap, :-gap]
 
     canvas, axes = map_canvas(

@@ -1,6 +1,7 @@
-"""Pictures of maps: one pixel for each value, without axes, and so without drawing.
+"""Pictures of maps: one pixel for each value, without axes.
 
-They take a few milliseconds. :mod:`occjax.viz.figures` draws the same maps with colour bars.
+No Matplotlib figure is drawn, so a picture takes a few milliseconds. :mod:`occjax.viz.figures`
+draws the same maps with colour bars.
 """
 
 from __future__ import annotations

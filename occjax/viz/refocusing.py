@@ -76,7 +76,7 @@ class Refocuser:
         return self._picture(_all_in_focus, np.asarray(disparity, np.float32), aperture)
 
     def sweep(self, path: Path = "circle") -> Iterator[np.ndarray]:
-        """Yield the usable views along a closed path, from which parallax appears.
+        """Yield the usable views along a closed path, which show the parallax.
 
         Args:
             path: ``"circle"`` around the centre view, as wide as the grid, or ``"row"`` or
@@ -115,8 +115,8 @@ def sweep_path(light_field: LightField, path: Path) -> list[tuple[int, int]]:
     offsets = light_field.offsets[usable]
     angles = np.linspace(0.0, 2.0 * np.pi, 8 * max(light_field.grid), endpoint=False)
     low, high = offsets.min(0), offsets.max(0)
-    turn = np.sin(angles) if path == "circle" else np.cos(angles)
-    points = (low + high) / 2 + (high - low) / 2 * np.stack([turn, np.cos(angles)], -1)
+    down = np.sin(angles) if path == "circle" else np.cos(angles)
+    points = (low + high) / 2 + (high - low) / 2 * np.stack([down, np.cos(angles)], -1)
     if path != "circle":
         points[:, 0 if path == "row" else 1] = 0.0  # through the centre view
     nearest = np.square(points[:, None] - offsets).sum(-1).argmin(1)
