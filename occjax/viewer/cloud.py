@@ -134,7 +134,7 @@ def modes(scene: ViewedScene) -> tuple[Mode, ...]:
 
 
 def compared_with(result: int) -> int:
-    """Return the index of the result that is subtracted from a result: the first or the second."""
+    """Return the index of the result that is subtracted: the first, or from it the second."""
     return 0 if result else 1
 
 

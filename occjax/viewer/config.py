@@ -23,7 +23,7 @@ class ViewerConfig:
             image.
         frame_seconds: Time for one refocused image while a slider moves; it determines how many
             views are averaged.
-        min_preview_views: Number of views that are averaged while it moves, at least.
+        min_preview_views: Smallest number of views that are averaged while a slider moves.
         rest_seconds: Time after which a slider counts as at rest; then all views are averaged.
         blink_seconds: Time for which each result is shown while the results blink.
     """

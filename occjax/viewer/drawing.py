@@ -33,7 +33,7 @@ def css(colour: tuple[int, int, int]) -> str:
 
 
 def enlarged(image: np.ndarray, *, width: int = 400) -> np.ndarray:
-    """Return a small image enlarged by a whole number, until it is at least so wide.
+    """Return a small image enlarged by a whole factor to at least a given width.
 
     Args:
         image: ``[H, W, 3]`` uint8.

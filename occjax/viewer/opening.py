@@ -1,4 +1,4 @@
-"""From folders of results, or estimates in memory, to an open viewer."""
+"""Scenes for the viewer, from folders of results or estimates in memory, and how to open it."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def open_viewer(
         config: Settings.
 
     Returns:
-        The viewer. It runs in the background until it is closed; ``wait()`` waits for that, and
-        ``with`` closes it at the end.
+        The viewer. It runs in the background until it is closed. ``wait()`` returns when it is
+        closed; a ``with`` block closes it at its end.
 
     Raises:
         InputError: If viser is missing or the port is taken.
@@ -80,8 +80,8 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
     """Read results of one scene, and its views if they are found.
 
     Args:
-        folders: Folders of results, or disparity maps. A folder with one folder of results in it
-            stands for that.
+        folders: Folders of results, or disparity maps. In place of a folder of results, its parent
+            can be given if it contains no other one.
         light_field: The views. By default they are read from where the results say that they came
             from, if they are still there.
 
@@ -129,8 +129,8 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
             warnings.warn(reason, stacklevel=2)
     if light_field is not None:
         light_field = _around(light_field, first.get("view"))
-    named = first.get("scene") or (light_field.name if light_field else paths[0].name)
-    return ViewedScene(results, light_field, named, stored_calibration(first) if first else None)
+    name = first.get("scene") or (light_field.name if light_field else paths[0].name)
+    return ViewedScene(results, light_field, name, stored_calibration(first) if first else None)
 
 
 def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = None) -> ViewedScene:
@@ -196,7 +196,7 @@ def short_names(paths: Sequence[Path]) -> list[str]:
 
 
 def _result_folder(path: Path) -> Path:
-    """Return a folder of results, the only one in the folder that is named, or a single map."""
+    """Return the path of a map or a folder of results, or the only folder of results in it."""
     if not path.exists():
         raise InputError(f"{path}: does not exist; pass a folder that occjax estimate wrote")
     if not path.is_dir() or any((path / f"disparity.{kind}").is_file() for kind in ("npy", "pfm")):
@@ -237,7 +237,7 @@ def _view_text(summary: dict[str, Any]) -> str:
 
 
 def _views_of(summary: dict[str, Any]) -> LightField:
-    """Read the views that were estimated, from where they were then, with the same options."""
+    """Read the views that were estimated, from the stored path and with the stored options."""
     source = summary.get("source")
     if source is not None:
         light_field = load(source, **_reading_options(summary))

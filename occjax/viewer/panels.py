@@ -215,9 +215,6 @@ class CloudPanel:
 
     def _add_cloud(self, index: int) -> viser.PointCloudHandle:
         shown = self.visible(index)
-        self._legend.content = legend_html(
-            cloud.legend(self.page.scene, self.page.selected.result, self.mode.value)
-        )
         return self.page.server.scene.add_point_cloud(
             f"/cloud/{index}",
             points=self._points[index][self._grid][shown],
@@ -301,6 +298,7 @@ class ViewPanel:
     def _drawn(self) -> np.ndarray:
         rows, columns = self._light_field.grid
         v, u = int(self.v.value) + self._first[0], int(self.u.value) + self._first[1]
+        # The slider of a single row or column is disabled, but its range also includes 1.
         index = min(v, rows - 1), min(u, columns - 1)
         image = view_picture(self._light_field.views[index])
         y, x = self.page.selected.pixel
@@ -402,7 +400,7 @@ class PixelPanel:
         page.worker.submit("pixel", self.show_pixel)
 
     def _typed(self, client: viser.ClientHandle | None, select: Callable[[int, int], None]) -> None:
-        """Select the typed pixel. The numbers also follow a click in the cloud, without client."""
+        """Select the typed pixel. A click in the cloud also sets the numbers, without a client."""
         if client is not None:
             select(int(self.y.value), int(self.x.value))
 
@@ -558,7 +556,7 @@ def pixel_text(scene: ViewedScene, selected: Selected) -> str:
 
 
 def comparison_table(scene: ViewedScene) -> str:
-    """Return the scores of all results as a Markdown table, or that there is no ground truth."""
+    """Return the scores as a Markdown table; without ground truth, the mean difference in words."""
     if scene.ground_truth is None:
         difference = scene.results[0].disparity - scene.results[1].disparity
         mean = float(np.nanmean(np.abs(difference)))

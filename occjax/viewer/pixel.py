@@ -172,15 +172,14 @@ def epipolar_image(
         The lines of pixels of the usable views, in the order of their positions.
     """
     v0, u0 = centre_index(light_field.grid)
-    usable = light_field.usable
+    usable = np.ones(light_field.grid, bool) if light_field.usable is None else light_field.usable
     if line == "row":
         strip, offsets = light_field.views[v0, :, y], light_field.offsets[v0, :, 1]
-        usable, picked = None if usable is None else usable[v0], x
+        usable, picked = usable[v0], x
     else:
         strip, offsets = light_field.views[:, u0, :, x], light_field.offsets[:, u0, 0]
-        usable, picked = None if usable is None else usable[:, u0], y
-    if usable is not None:
-        strip, offsets = strip[usable], offsets[usable]
+        usable, picked = usable[:, u0], y
+    strip, offsets = strip[usable], offsets[usable]
     first = picked - radius_px
     indices = np.arange(first, picked + radius_px + 1)
     inside = (indices >= 0) & (indices < strip.shape[1])

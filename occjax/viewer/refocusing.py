@@ -24,8 +24,8 @@ class LiveRefocuser:
     """
 
     def __init__(self, light_field: LightField, config: ViewerConfig) -> None:
-        self._all = Refocuser(light_field)
-        prepared = self._all.light_field
+        self._refocuser = Refocuser(light_field)
+        prepared = self._refocuser.light_field
         self._views = prepared.views[prepared.usable]
         self._offsets = prepared.offsets[prepared.usable].astype(np.float32)
         self._config = config
@@ -48,12 +48,12 @@ class LiveRefocuser:
             ``[H, W, 3]`` uint8 RGB.
         """
         if not preview:
-            return self._all.image(disparity, aperture=aperture)
+            return self._refocuser.image(disparity, aperture=aperture)
         weights = np.asarray(aperture_weights(self._offsets[None], aperture))[0]
-        in_time = int(self._config.frame_seconds / self._seconds_per_view)
-        affordable = max(self._config.min_preview_views, in_time)
-        chosen = spread(self._offsets, np.flatnonzero(weights), affordable)
-        # A power of two, so that few programs serve all apertures.
+        views_in_time = int(self._config.frame_seconds / self._seconds_per_view)
+        count = max(self._config.min_preview_views, views_in_time)
+        chosen = spread(self._offsets, np.flatnonzero(weights), count)
+        # Padded to a power of two, so that few compiled programs serve all apertures.
         indices = np.resize(chosen, 1 << (chosen.size - 1).bit_length())
         weights = np.where(np.arange(indices.size) < chosen.size, weights[indices], 0.0)
         begin = time.perf_counter()
@@ -70,12 +70,13 @@ _refocus = jax.jit(refocus)
 def spread(offsets: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
     """Choose views that are spread over the aperture.
 
-    Starting with the view nearest to the centre, each next one is that farthest from all before.
+    Farthest point sampling: the first view is the one nearest to the centre, each further view is
+    the one farthest from all views before.
 
     Args:
         offsets: ``[N, 2]`` offset of each view from the centre view, in view steps.
         chosen: ``[K]`` indices to choose from.
-        count: Number of views, at most.
+        count: Largest number of views.
 
     Returns:
         ``[min(K, count)]`` indices.

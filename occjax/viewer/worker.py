@@ -36,9 +36,9 @@ class LatestWorker:
             self._changed.notify_all()
 
     def superseded(self, kind: str, seconds: float) -> bool:
-        """Wait until a task is waiting, and say whether it makes the running one superfluous.
+        """Wait for the next task, and return whether it replaces the running one.
 
-        A running task calls this before slow work.
+        A running task calls this before slow work. A task of another kind ends the wait too.
 
         Args:
             kind: Kind of the running task.
