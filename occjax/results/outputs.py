@@ -181,8 +181,12 @@ def write_outputs(
         text = json.dumps(content, indent=2)
         (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
         names = _names(temporary)
-    if estimate.views is None:  # An earlier estimate may have left maps of all views.
+    # An earlier estimate may have left maps of all views, or of more views.
+    if estimate.views is None:
         shutil.rmtree(folder / FOLDER, ignore_errors=True)
+    for path in folder.glob(f"{FOLDER}/*.pfm"):
+        if path.relative_to(folder).as_posix() not in names:
+            path.unlink()
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
 
 

@@ -52,9 +52,9 @@ class LatestWorker:
             return kind in self._tasks or self._closed
 
     def wait_until_idle(self) -> None:
-        """Wait until no task is running or waiting."""
+        """Wait until no task is running or waiting, or the worker is closed."""
         with self._changed:
-            self._changed.wait_for(lambda: not (self._tasks or self._running))
+            self._changed.wait_for(lambda: self._closed or not (self._tasks or self._running))
 
     def close(self) -> None:
         """Drop waiting tasks and end the thread after the running one."""

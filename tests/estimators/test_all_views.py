@@ -84,5 +84,11 @@ def test_maps_and_cloud_of_all_views_are_written_and_read(result, tmp_path):
     again = Estimate.load(tmp_path / "out").views
     np.testing.assert_array_equal(again.disparity, result.views.disparity)
     np.testing.assert_array_equal(again.consistency, result.views.consistency)
+    fewer = result.views._replace(disparity=result.views.disparity.copy())
+    fewer.disparity[2, 1] = np.nan  # a view that could not be estimated has no file
+    replace(result, views=fewer).save(tmp_path / "out", what="maps")
+    left = sorted(path.name for path in (tmp_path / "out/views").iterdir())
+    assert "disparity_02_01.pfm" not in left
+    assert "disparity_02_02.pfm" in left
     replace(result, views=None).save(tmp_path / "out", what="maps")
     assert not list((tmp_path / "out").glob("views*"))
