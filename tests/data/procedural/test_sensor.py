@@ -27,7 +27,7 @@ def test_a_camera_without_faults_only_sets_the_exposure(tolerance):
 
 def test_quantised_values_are_those_of_8_bits():
     values = exposed(quantisation=1.0) * 255.0
-    np.testing.assert_allclose(values, np.round(values), atol=1e-4)
+    np.testing.assert_allclose(values, np.round(values), atol=1e-4)  # rounding of 255
 
 
 def test_noise_and_blur_change_what_they_should():
