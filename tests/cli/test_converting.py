@@ -59,31 +59,33 @@ def test_a_map_is_converted_through_every_format(run):
     assert f"kept to within {0.5 * step:.2g}" in out
 
 
-def test_depth_and_back_with_the_camera_of_a_scene_and_of_a_file(run, scene):
+def test_depth_and_back_with_the_camera_of_a_scene_and_of_a_file(run, scene, tolerance):
     code, out, _ = run("disparity.pfm", "depth.npy", "--to", "depth", "--scene", scene)
     assert code == 0
     assert f"camera: {scene}/parameters.cfg" in out
     assert f"{depth_of(DISPARITY).min():.4g} to {depth_of(DISPARITY).max():.4g} metres" in out
-    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY), rtol=1e-6)
+    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY), **tolerance("relative"))
     options = ("--to", "disparity", "--parameters", scene / "parameters.cfg")
     assert run("depth.npy", "again.pfm", *options)[0] == 0
-    np.testing.assert_allclose(read_pfm("again.pfm"), DISPARITY, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(read_pfm("again.pfm"), DISPARITY, **tolerance("absolute"))
 
 
-def test_the_camera_next_to_the_map_is_found(run, scene):
+def test_the_camera_next_to_the_map_is_found(run, scene, tolerance):
     write_pfm(scene / "gt_disp_lowres.pfm", DISPARITY)
     assert run(scene / "gt_disp_lowres.pfm", "depth.pfm", "--to", "depth")[0] == 0
-    np.testing.assert_allclose(read_pfm("depth.pfm"), depth_of(DISPARITY), rtol=1e-6)
+    np.testing.assert_allclose(read_pfm("depth.pfm"), depth_of(DISPARITY), **tolerance("relative"))
 
 
-def test_camera_options_override_and_complete_the_camera(run, scene):
+def test_camera_options_override_and_complete_the_camera(run, scene, tolerance):
     depth = ("disparity.pfm", "depth.npy", "--to", "depth")
     whole = ("--focal-length-mm", 100, "--sensor-mm", 35, "--baseline-mm", 50, "--focus-m", 7.2)
     assert run(*depth, *whole)[0] == 0
-    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY), rtol=1e-6)
+    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY), **tolerance("relative"))
     # Twice the baseline: every disparity is that of half of it.
     assert run(*depth, "--scene", scene, "--baseline-mm", 100, "--overwrite")[0] == 0
-    np.testing.assert_allclose(np.load("depth.npy"), depth_of(DISPARITY / 2), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.load("depth.npy"), depth_of(DISPARITY / 2), **tolerance("relative")
+    )
     code, _, err = run(*depth, *whole[:4], "--overwrite")
     assert code == 2
     assert "pass --baseline-mm and --focus-m too (inf for parallel cameras)" in err
@@ -92,16 +94,16 @@ def test_camera_options_override_and_complete_the_camera(run, scene):
     assert "--focus-m is -1; it must be a positive number" in err
 
 
-def test_points_have_the_position_and_colour_of_their_pixels(run, scene):
+def test_points_have_the_position_and_colour_of_their_pixels(run, scene, tolerance):
     code, out, err = run("disparity.pfm", "cloud.ply", "--scene", scene)
     assert (code, err) == (0, "")
     assert "480 points in the colours of the centre view; metres" in out
     vertices, _ = read_vertices(scene.parent / "here/cloud.ply")
     colours = np.stack([vertices[name] for name in ("red", "green", "blue")], -1)
     np.testing.assert_array_equal(colours, VIEWS[1, 1].reshape(-1, 3))
-    np.testing.assert_allclose(-vertices["z"], depth_of(DISPARITY).ravel(), rtol=1e-6)
+    np.testing.assert_allclose(-vertices["z"], depth_of(DISPARITY).ravel(), **tolerance("relative"))
     column = (WIDTH - 1) / 2 + 100.0 / 35.0 * WIDTH * vertices["x"] / -vertices["z"]
-    np.testing.assert_allclose(column, np.tile(np.arange(WIDTH), HEIGHT), atol=1e-3)
+    np.testing.assert_allclose(column, np.tile(np.arange(WIDTH), HEIGHT), **tolerance("float32"))
 
 
 def test_without_a_camera_points_are_a_relief(run, tmp_path):
@@ -125,11 +127,13 @@ def test_pixels_without_value_are_counted(run, scene):
     assert np.isposinf(depth[1, :2]).all()
 
 
-def test_normals_of_a_wall_face_the_viewer(run, scene):
+def test_normals_of_a_wall_face_the_viewer(run, scene, tolerance):
     np.save("wall.npy", np.full((HEIGHT, WIDTH), 0.1))
     assert run("wall.npy", "normals.npy", "--to", "normals", "--scene", scene)[0] == 0
     np.testing.assert_allclose(
-        np.load("normals.npy"), np.broadcast_to([0.0, 0.0, 1.0], (HEIGHT, WIDTH, 3)), atol=1e-6
+        np.load("normals.npy"),
+        np.broadcast_to([0.0, 0.0, 1.0], (HEIGHT, WIDTH, 3)),
+        **tolerance("absolute"),
     )
     assert run("wall.npy", "normals.png", "--to", "normals", "--scene", scene)[0] == 0
     colours = np.asarray(Image.open("normals.png"))

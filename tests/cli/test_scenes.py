@@ -300,7 +300,7 @@ def test_scenes_are_estimated_on_all_devices_at_the_same_time(
 
 
 def test_a_video_has_numbered_frames_of_one_range_and_one_colour_scale(
-    run, folder, tmp_path, estimator, monkeypatch
+    run, folder, tmp_path, estimator, monkeypatch, tolerance
 ):
     pytest.importorskip("imageio_ffmpeg")
     drawn = []
@@ -317,7 +317,7 @@ def test_a_video_has_numbered_frames_of_one_range_and_one_colour_scale(
     # The range of a map of one value is that value and half a pixel on both sides.
     for colour, level in zip(colours, (0.1, 0.2, 0.3), strict=True):
         expected = colormaps["viridis"]((level + 0.4) / 1.2, bytes=True)[:3]
-        np.testing.assert_allclose(colour, expected, atol=2)
+        np.testing.assert_allclose(colour, expected, **tolerance("colour"))
     assert "3 frames written to" in out
     write_scene(folder / "scene11.npz", 0.4, size=(6, 10))
     code, _, err = run("estimate", "--video", folder, "-o", tmp_path / "out")

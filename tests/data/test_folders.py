@@ -94,11 +94,11 @@ def test_folders_without_usable_scenes_are_refused(tmp_path):
         load_scenes([tmp_path])
 
 
-def test_grey_is_the_weighted_mean_of_the_colours():
+def test_grey_is_the_weighted_mean_of_the_colours(tolerance):
     scene = numbered_scene(7)
     grey = scene.grey(np.s_[2:5, 3:5], np.array([1.0, 2.0, 1.0]))
     y, x = np.mgrid[2:5, 3:5]
-    np.testing.assert_allclose(grey[1, 2], (y + 2 * x + 7) / 4 / 255, rtol=1e-5)
+    np.testing.assert_allclose(grey[1, 2], (y + 2 * x + 7) / 4 / 255, **tolerance("relative"))
 
 
 GEOMETRY = AugmentationConfig(
@@ -107,7 +107,7 @@ GEOMETRY = AugmentationConfig(
 """Crops alone."""
 
 
-def test_windows_are_the_same_part_of_views_and_ground_truth_in_random_grey():
+def test_windows_are_the_same_part_of_views_and_ground_truth_in_random_grey(tolerance):
     scenes = [numbered_scene(0), numbered_scene(60)]
     source = folder_source(scenes, 6, seed=0, augmentation=GEOMETRY, threads=0)
     corners, numbers, greys = set(), set(), []
@@ -120,7 +120,7 @@ def test_windows_are_the_same_part_of_views_and_ground_truth_in_random_grey():
             colours = np.stack([y, x, np.ones((9, 9))], axis=-1).reshape(-1, 3) / 255
             (red, green, rest), *_ = np.linalg.lstsq(colours, np.ravel(views[2, 1]), rcond=None)
             np.testing.assert_allclose(
-                colours @ [red, green, rest], np.ravel(views[0, 2]), atol=1e-5
+                colours @ [red, green, rest], np.ravel(views[0, 2]), **tolerance("absolute")
             )
             corners.add((top, left))
             numbers.add(round(rest / (1 - red - green)))

@@ -11,6 +11,7 @@ from occjax.data.config import AugmentationConfig
 from occjax.data.pool import light_field_files, pool_source, read_sample, render_pool, write_sample
 from occjax.data.procedural import SceneConfig
 from occjax.errors import InputError
+from tests.conftest import TOLERANCE
 from tests.data.scenes import cheap_scene
 
 CONFIG = SceneConfig(image_size=(5, 11), grid=(3, 3))
@@ -35,7 +36,7 @@ def expected(number, seed=3):
 
 
 def assert_stored(found, sample):
-    np.testing.assert_allclose(found.views, sample.views, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(found.views, sample.views, **TOLERANCE["8 bit"])
     for field in ("offsets", "disparity", "visibility", "valid"):
         np.testing.assert_array_equal(getattr(found, field), getattr(sample, field))
         assert getattr(found, field).dtype == getattr(sample, field).dtype

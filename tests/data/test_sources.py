@@ -163,7 +163,7 @@ def test_light_fields_are_augmented_by_the_step_and_the_sample(make):
 
 
 @pytest.mark.usefixtures("generator")
-def test_kept_light_fields_are_those_of_the_procedural_source():
+def test_kept_light_fields_are_those_of_the_procedural_source(tolerance):
     rendered = [procedural_source(CONFIG, 2, seed=5)(step) for step in range(3)]
     disparity = np.concatenate([batch.disparity for batch in rendered])
     source, again = (cached_source(CONFIG, 5, 2, seed=5) for _ in range(2))
@@ -177,8 +177,8 @@ def test_kept_light_fields_are_those_of_the_procedural_source():
             )
             for name, found in batch._asdict().items():
                 original = getattr(rendered[number // 2], name)[number % 2]
-                atol = 0.5001 / 255 if name == "views" else 0.0
-                np.testing.assert_allclose(found[place], original, rtol=0.0, atol=atol)
+                limits = tolerance("8 bit") if name == "views" else {"rtol": 0}
+                np.testing.assert_allclose(found[place], original, **limits)
             seen.add(int(number))
     assert seen == set(range(5))  # the sixth is rendered with the fifth, but not requested
 

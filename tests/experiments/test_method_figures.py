@@ -81,13 +81,13 @@ def example():
     return tuple(np.repeat(one, 6, axis=0) for one in (first, second, truth))
 
 
-def test_error_difference_is_negative_where_the_first_is_better():
+def test_error_difference_is_negative_where_the_first_is_better(tolerance):
     expected = [0.0, -0.2, 0.2, -np.inf, np.inf, np.nan, np.nan]
     difference = error_difference(*example())
-    np.testing.assert_allclose(difference, np.tile(expected, (6, 1)), atol=1e-12)
+    np.testing.assert_allclose(difference, np.tile(expected, (6, 1)), **tolerance("float64"))
 
 
-def test_purple_marks_the_first_and_orange_the_second():
+def test_purple_marks_the_first_and_orange_the_second(tolerance):
     figure = pairwise_figure(*example(), names=("a", "b"))
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
@@ -104,7 +104,7 @@ def test_purple_marks_the_first_and_orange_the_second():
     assert purple[2] > purple[1]
     assert orange[0] > orange[2]
     for place, colour in ((0, middle), (2, part), (3, purple), (4, orange), (5, grey), (6, grey)):
-        np.testing.assert_allclose(shown[place], colour, atol=2)
+        np.testing.assert_allclose(shown[place], colour, **tolerance("colour"))
 
 
 def test_percentages_are_of_comparable_pixels_inside_the_border():

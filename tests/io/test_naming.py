@@ -136,11 +136,11 @@ def test_frame_camera_case(shared):
     assert high >= truth.max()
 
 
-def test_double_underscore_case(shared):
+def test_double_underscore_case(shared, tolerance):
     light_field = load(shared / "data/cases/double_underscore")
     assert light_field.grid == (3, 3)
     np.testing.assert_allclose(
-        light_field.positions, np.stack(np.mgrid[-1:2, -1:2], axis=-1), atol=1e-4
+        light_field.positions, np.stack(np.mgrid[-1:2, -1:2], axis=-1), **tolerance("absolute")
     )
 
 

@@ -23,10 +23,12 @@ def read(folder, **options):
 
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("unit", [1.0, 12.5])
-def test_positions_of_any_unit_become_row_steps(folder, flat, unit):
+def test_positions_of_any_unit_become_row_steps(folder, flat, unit, tolerance):
     positions = (view_offsets(3, 4) * [1.0, 2.0] + 5.0) * unit
     np.save(folder / "positions.npy", positions.reshape(-1, 2) if flat else positions)
-    np.testing.assert_allclose(read(folder).positions, view_offsets(3, 4) * [1.0, 2.0], atol=1e-6)
+    np.testing.assert_allclose(
+        read(folder).positions, view_offsets(3, 4) * [1.0, 2.0], **tolerance("absolute")
+    )
 
 
 def test_a_table_may_have_a_heading(folder):
@@ -92,9 +94,11 @@ def test_a_declared_spacing_becomes_positions(folder):
 
 
 @pytest.mark.parametrize("unit", [0.01, 12.5])
-def test_positions_of_an_array_in_another_unit_are_told(tmp_path, unit):
+def test_positions_of_an_array_in_another_unit_are_told(tmp_path, unit, tolerance):
     views = np.zeros((3, 4, 8, 8), np.uint8)
     np.savez(tmp_path / "scene.npz", views=views, positions=unit * view_offsets(3, 4))
     with pytest.warns(GridWarning, match=f"cameras are {unit:.4g} apart in positions, which are"):
         read_array = load(tmp_path / "scene.npz", check_orientation=False)
-    np.testing.assert_allclose(read_array.positions, unit * view_offsets(3, 4), rtol=1e-6)
+    np.testing.assert_allclose(
+        read_array.positions, unit * view_offsets(3, 4), **tolerance("relative")
+    )

@@ -30,21 +30,21 @@ def convolve(volume, kernel):
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize("height", [4, 5, 7, 8, 11])
-def test_value_and_kernel_gradient_match_loops(height):
+def test_value_and_kernel_gradient_match_loops(height, tolerance):
     generator = np.random.default_rng(height)
     volume, kernel, gradient = (
         generator.normal(size=shape)
         for shape in ((height, 3, 5, 2), (3, 3, 3, 2, 4), (height, 3, 5, 4))
     )
     result = convolve(jnp.asarray(volume), jnp.asarray(kernel))
-    np.testing.assert_allclose(result[1:-1], by_loops(volume, kernel), atol=1e-12)
+    np.testing.assert_allclose(result[1:-1], by_loops(volume, kernel), **tolerance("float64"))
     assert not np.any(result[jnp.array([0, -1])])
     found = kernel_gradient_of_rows(jnp.asarray(volume), jnp.asarray(gradient))
     for index in np.ndindex(found.shape):
         unit = np.zeros(found.shape)
         unit[index] = 1.0
         expected = (gradient * by_loops(volume, unit)).sum()
-        np.testing.assert_allclose(found[index], expected, atol=1e-11)
+        np.testing.assert_allclose(found[index], expected, **tolerance("float64"))
 
 
 def test_finish_gets_the_number_of_the_first_row():

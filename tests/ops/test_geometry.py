@@ -48,13 +48,13 @@ def test_disparity_from_depth_is_the_inverse(tolerance):
     np.testing.assert_allclose(again, DISPARITY, **tolerance("float32"))
 
 
-def test_depth_is_infinite_beyond_the_disparity_of_infinity():
+def test_depth_is_infinite_beyond_the_disparity_of_infinity(tolerance):
     at_infinity = -(100.0 / 35.0 * 3) * 0.05 / 7.2  # -f b / focus
     disparity = np.float32([[at_infinity - 1e-6, -100.0, np.nan]])
     depth = np.asarray(depth_from_disparity(disparity, CAMERA))
     np.testing.assert_array_equal(depth, [[np.inf, np.inf, np.nan]])
     back = disparity_from_depth(np.float32([[np.inf, np.inf, np.inf]]), CAMERA)
-    np.testing.assert_allclose(back, at_infinity, rtol=1e-6)
+    np.testing.assert_allclose(back, at_infinity, **tolerance("relative"))
 
 
 def test_impossible_depth_has_no_disparity_and_no_point():
@@ -64,15 +64,19 @@ def test_impossible_depth_has_no_disparity_and_no_point():
     assert np.isnan(back_project(np.float32([[np.inf]]), CAMERA)).all()
 
 
-def test_points_project_onto_their_pixels():
+def test_points_project_onto_their_pixels(tolerance):
     depth = np.random.default_rng(1).uniform(0.5, 20.0, (4, 6)).astype(np.float32)
     points = np.asarray(back_project(depth, CAMERA), np.float64)
     focal_length = 100.0 / 35.0 * 6
     for y, x in np.ndindex(4, 6):
         right, up, towards_viewer = points[y, x]
         assert -towards_viewer == pytest.approx(depth[y, x])
-        assert 2.5 + focal_length * right / -towards_viewer == pytest.approx(x, abs=1e-5)
-        assert 1.5 - focal_length * up / -towards_viewer == pytest.approx(y, abs=1e-5)
+        np.testing.assert_allclose(
+            2.5 + focal_length * right / -towards_viewer, x, **tolerance("absolute")
+        )
+        np.testing.assert_allclose(
+            1.5 - focal_length * up / -towards_viewer, y, **tolerance("absolute")
+        )
 
 
 def test_derivatives(x64):
@@ -84,7 +88,7 @@ def test_derivatives(x64):
     assert_derivatives(lambda z: ops.surface_normals(ops.back_project(z, CAMERA)), depth)
 
 
-def test_gradients_are_zero_where_there_is_no_value():
+def test_gradients_are_zero_where_there_is_no_value(tolerance):
     def total(values, function):
         result = function(values, CAMERA)
         return jnp.where(jnp.isfinite(result), result, 0.0).sum()
@@ -92,7 +96,9 @@ def test_gradients_are_zero_where_there_is_no_value():
     distant = jax.grad(total)(jnp.array([[0.0, -100.0]]), ops.depth_from_disparity)
     assert distant[0, 1] == 0.0
     # dZ/dd = -Z^2 / (f b) at the focus: f = 100 / 35 * 2.
-    np.testing.assert_allclose(distant[0, 0], -(7.2**2) / (100 / 35 * 2 * 0.05), rtol=1e-5)
+    np.testing.assert_allclose(
+        distant[0, 0], -(7.2**2) / (100 / 35 * 2 * 0.05), **tolerance("relative")
+    )
     for function in (ops.disparity_from_depth, ops.back_project):
         gradient = jax.grad(total)(jnp.array([[1.0, 0.0, -1.0]]), function)
         assert np.isfinite(gradient).all()
@@ -146,17 +152,21 @@ class TestNormals:
     @pytest.mark.parametrize(
         "normal", [(0.0, 0.0, 1.0), (0.6, 0.0, 1.0), (0.0, -0.8, 1.0), (-0.5, 0.9, 0.7)]
     )
-    def test_plane_has_its_normal_everywhere(self, normal):
+    def test_plane_has_its_normal_everywhere(self, normal, tolerance):
         normal = self.unit(*normal)
         normals = self.of_rounded_disparity(self.plane_depth(normal, 2.0))
-        np.testing.assert_allclose(normals, np.broadcast_to(normal, normals.shape), atol=1e-3)
+        np.testing.assert_allclose(
+            normals, np.broadcast_to(normal, normals.shape), **tolerance("amplified")
+        )
 
-    def test_plane_is_exact_in_double_precision(self, x64):
+    def test_plane_is_exact_in_double_precision(self, x64, tolerance):
         normal = self.unit(-0.5, 0.9, 0.7)
         normals = self.of_depth(self.plane_depth(normal, 2.0))
-        np.testing.assert_allclose(normals, np.broadcast_to(normal, normals.shape), atol=1e-10)
+        np.testing.assert_allclose(
+            normals, np.broadcast_to(normal, normals.shape), **tolerance("float64")
+        )
 
-    def test_sphere_in_front_of_a_wall(self):
+    def test_sphere_in_front_of_a_wall(self, tolerance):
         centre, radius = np.array([0.1, 0.05, -2.0]), 0.4
         wall_normal = self.unit(0.2, 0.1, 1.0)
         sphere, wall = self.sphere_depth(centre, radius), self.plane_depth(wall_normal, 3.5)
@@ -165,7 +175,9 @@ class TestNormals:
         normals = self.of_rounded_disparity(np.where(on_sphere, sphere, wall))
         # The outline of the sphere does not show in the wall.
         np.testing.assert_allclose(
-            normals[~on_sphere], np.broadcast_to(wall_normal, normals[~on_sphere].shape), atol=1e-3
+            normals[~on_sphere],
+            np.broadcast_to(wall_normal, normals[~on_sphere].shape),
+            **tolerance("amplified"),
         )
         directions = self.rays()[on_sphere]
         exact = (directions * sphere[on_sphere, None] - centre) / radius
@@ -176,21 +188,23 @@ class TestNormals:
         # The outermost of its 23 pixels, seen one-sidedly, spans the angle acos(1 - 1 / 23).
         assert error.max() < np.degrees(np.arccos(1 - 1 / 23))
 
-    def test_normals_are_unit_vectors_that_face_the_viewer(self):
+    def test_normals_are_unit_vectors_that_face_the_viewer(self, tolerance):
         depth = np.random.default_rng(0).uniform(1.0, 5.0, self.size).astype(np.float32)
         normals = self.of_depth(depth)
-        np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-5)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, **tolerance("absolute"))
         assert ((normals * self.rays()).sum(-1) < 0).all()
 
-    def test_step_between_two_walls_shows_on_neither(self):
+    def test_step_between_two_walls_shows_on_neither(self, tolerance):
         depth = np.full(self.size, 4.0, np.float32)
         depth[20:40, 30:60] = 2.0
         normals = self.of_depth(depth)
-        np.testing.assert_allclose(normals, np.broadcast_to(self.facing, normals.shape), atol=1e-4)
+        np.testing.assert_allclose(
+            normals, np.broadcast_to(self.facing, normals.shape), **tolerance("absolute")
+        )
         # Without the rule for edges it shows.
         assert self.degrees(self.of_depth(depth, edge=np.inf), self.facing).max() > 80.0
 
-    def test_missing_points_are_stepped_around(self):
+    def test_missing_points_are_stepped_around(self, tolerance):
         normal = self.unit(0.3, 0.2, 1.0)
         depth = self.plane_depth(normal, 2.0).astype(np.float32)
         depth[10, 10:13] = np.nan
@@ -201,7 +215,9 @@ class TestNormals:
         expected[30, 41] = True  # no neighbour on either side
         np.testing.assert_array_equal(missing, expected)
         present = normals[~missing]
-        np.testing.assert_allclose(present, np.broadcast_to(normal, present.shape), atol=1e-3)
+        np.testing.assert_allclose(
+            present, np.broadcast_to(normal, present.shape), **tolerance("amplified")
+        )
 
     @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (3, 3)])
     def test_lines_and_coinciding_points_have_no_normals(self, shape):

@@ -29,7 +29,7 @@ def test_reference_agrees_with_the_published_implementation(shared):
                     assert difference.mean() <= 5e-5, (warp, name)
 
 
-def test_fixture_is_what_the_reference_computes():
+def test_fixture_is_what_the_reference_computes(tolerance):
     weights, fixture = load_fixture()
     found = answers(
         Weights.from_names(weights),
@@ -40,7 +40,7 @@ def test_fixture_is_what_the_reference_computes():
     for warp, named in found.items():
         assert {f"{warp}/{name}" for name in named} == {k for k in fixture if k.startswith(warp)}
         for name, array in named.items():
-            np.testing.assert_allclose(array, fixture[f"{warp}/{name}"], rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(array, fixture[f"{warp}/{name}"], **tolerance("absolute"))
 
 
 def test_names_and_shapes_are_those_of_the_published_layout(shared):

@@ -32,11 +32,11 @@ def test_the_cloud_has_each_confirmed_point_once_and_no_outlier():
     assert found == expected
 
 
-def test_points_of_whole_pixels_are_those_of_the_map():
+def test_points_of_whole_pixels_are_those_of_the_map(tolerance):
     camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
     disparity = np.random.default_rng(0).uniform(-0.1, 0.5, (4, 5))
     y, x = np.indices((4, 5)).astype(float)
     for calibration in (camera, None):
         expected = point_cloud(Map(disparity, "disparity"), calibration).points
         points = points_at(y, x, disparity, calibration, (4, 5))
-        np.testing.assert_allclose(points, expected, rtol=1e-9)
+        np.testing.assert_allclose(points, expected, **tolerance("float64"))

@@ -42,11 +42,13 @@ def test_weighted_mean_ignores_nan_of_weight_zero():
     assert weighted_sum(values, jnp.zeros((1, 3))).mean() == 0.0
 
 
-def test_bad_pixels_are_a_percentage_of_the_valid_pixels():
+def test_bad_pixels_are_a_percentage_of_the_valid_pixels(tolerance):
     truth = jnp.zeros((1, 4))
     disparity = jnp.array([[0.06, -0.08, 5.0, 0.0]])
     valid = jnp.array([[True, True, False, True]])
-    np.testing.assert_allclose(bad_pixels(disparity, truth, valid, 0).mean(), 100 / 3, rtol=1e-6)
+    np.testing.assert_allclose(
+        bad_pixels(disparity, truth, valid, 0).mean(), 100 / 3, **tolerance("relative")
+    )
 
 
 @pytest.mark.parametrize(

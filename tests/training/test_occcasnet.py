@@ -67,18 +67,22 @@ def split_over_neighbours(candidates, truth):
 
 
 @pytest.mark.parametrize("border", [0, 2])
-def test_l1_is_the_sum_of_mean_errors_over_valid_pixels_inside_the_border(two_stages, border):
+def test_l1_is_the_sum_of_mean_errors_over_valid_pixels_inside_the_border(
+    two_stages, border, tolerance
+):
     outputs, sample = two_stages
     loss, errors = compute_loss(outputs, sample, LossConfig(border=border))
     counted = np.zeros(sample.valid.shape, bool)
     inside = np.s_[:, border : 6 - border, border : 8 - border]
     counted[inside] = np.asarray(sample.valid)[inside]
     means = [np.abs(each.disparity - sample.disparity)[counted].mean() for each in outputs]
-    np.testing.assert_allclose([errors["disparity_0"], errors["disparity_1"]], means, rtol=1e-6)
-    np.testing.assert_allclose(loss, sum(means), rtol=1e-6)
+    np.testing.assert_allclose(
+        [errors["disparity_0"], errors["disparity_1"]], means, **tolerance("relative")
+    )
+    np.testing.assert_allclose(loss, sum(means), **tolerance("relative"))
 
 
-def test_cross_entropy_is_that_of_the_truth_split_over_two_candidates():
+def test_cross_entropy_is_that_of_the_truth_split_over_two_candidates(tolerance):
     """Candidates are not evenly spaced; truths lie on, between and beyond them."""
     generator = np.random.default_rng(1)
     candidates = np.array([-1.0, -0.25, 0.5, 2.0])
@@ -92,10 +96,10 @@ def test_cross_entropy_is_that_of_the_truth_split_over_two_candidates():
     for place in zip(*np.nonzero(expected_covered), strict=True):
         target = split_over_neighbours(candidates, truth[place])
         expected = -(target * np.log(probabilities[:, *place])).sum()
-        np.testing.assert_allclose(entropy[place], expected, rtol=1e-5)
+        np.testing.assert_allclose(entropy[place], expected, **tolerance("relative"))
 
 
-def test_distribution_of_a_refined_stage_is_relative_to_the_stage_before(two_stages):
+def test_distribution_of_a_refined_stage_is_relative_to_the_stage_before(two_stages, tolerance):
     outputs, sample = two_stages
     loss, errors = compute_loss(outputs, sample, LossConfig(distribution=0.5))
     terms = []
@@ -106,9 +110,9 @@ def test_distribution_of_a_refined_stage_is_relative_to_the_stage_before(two_sta
             probabilities = np.asarray(outputs[1].probabilities)[item[0], :, *item[1:]]
             terms.append(-(target * np.log(probabilities)).sum())
     assert 10 < len(terms) < sample.valid.size
-    np.testing.assert_allclose(errors["distribution_1"], np.mean(terms), rtol=1e-5)
+    np.testing.assert_allclose(errors["distribution_1"], np.mean(terms), **tolerance("relative"))
     total = sum(errors[f"disparity_{n}"] + 0.5 * errors[f"distribution_{n}"] for n in (0, 1))
-    np.testing.assert_allclose(loss, total, rtol=1e-6)
+    np.testing.assert_allclose(loss, total, **tolerance("relative"))
 
 
 def test_a_stage_gets_no_gradient_from_the_distribution_of_the_next(two_stages):
@@ -123,7 +127,7 @@ def test_a_stage_gets_no_gradient_from_the_distribution_of_the_next(two_stages):
 
 
 @pytest.mark.parametrize("config", [LossConfig(), LossConfig(penalty="log", distribution=1.0)])
-def test_unknown_disparities_leave_loss_and_gradient_finite(two_stages, config):
+def test_unknown_disparities_leave_loss_and_gradient_finite(two_stages, config, tolerance):
     """The truth is NaN where it is unknown; one batch has no valid pixel at all."""
     outputs, sample = two_stages
     unknown = sample._replace(disparity=jnp.where(sample.valid, sample.disparity, jnp.nan))
@@ -144,7 +148,7 @@ def test_unknown_disparities_leave_loss_and_gradient_finite(two_stages, config):
     expected = compute_loss(outputs, sample, config)[0]
     for case, value in ((unknown, expected), (nothing, 0.0)):
         found, gradients = loss_and_gradient(parts, case)
-        np.testing.assert_allclose(found, value, rtol=1e-6)
+        np.testing.assert_allclose(found, value, **tolerance("relative"))
         for gradient in jax.tree.leaves(gradients):
             assert np.isfinite(gradient).all()
 

@@ -61,15 +61,17 @@ def cost_roots(proposals):
     return np.sqrt(np.asarray(proposals.costs.channels, np.float32))
 
 
-def test_unpacked_proposals_equal_the_packed_ones_up_to_rounding():
+def test_unpacked_proposals_equal_the_packed_ones_up_to_rounding(tolerance):
     proposals = random_proposals(5, 7)
     again = unpack(pack(proposals))
     np.testing.assert_array_equal(again.disparity, proposals.disparity)
     np.testing.assert_allclose(again.proposed, proposals.proposed, atol=0.51 / DISPARITY_STEPS)
-    np.testing.assert_allclose(again.centre, np.clip(proposals.centre, 0, 1), atol=0.51 / 255)
+    np.testing.assert_allclose(again.centre, np.clip(proposals.centre, 0, 1), **tolerance("8 bit"))
     np.testing.assert_allclose(cost_roots(again), cost_roots(proposals), atol=0.51 / 255 + 5e-4)
-    np.testing.assert_allclose(again.log_variance, proposals.log_variance, rtol=1e-3)
-    np.testing.assert_allclose(again.peak_probability, proposals.peak_probability, rtol=1e-3)
+    np.testing.assert_allclose(again.log_variance, proposals.log_variance, **tolerance("float16"))
+    np.testing.assert_allclose(
+        again.peak_probability, proposals.peak_probability, **tolerance("float16")
+    )
 
 
 @pytest.mark.parametrize("symmetry", ["transpose", "flip_rows", "flip_columns"])
@@ -130,7 +132,7 @@ def test_only_settings_that_proposals_depend_on_must_be_the_same(pool, tmp_path)
         prepared_source([pool], folder, NETWORK, **options)
 
 
-def test_several_pools_are_used_like_one(pool, tmp_path):
+def test_several_pools_are_used_like_one(pool, tmp_path, tolerance):
     other = tmp_path / "other"
     render_pool(other, 2, SCENES, seed=1)
     options = {"batch_size": 5, "seed": 0, "augmentation": replace(AUGMENTATION, crop=(32, 32))}
@@ -139,7 +141,7 @@ def test_several_pools_are_used_like_one(pool, tmp_path):
     paths = [path for folder in (pool, other) for path in folder.glob("*.npz")]
     scale = 1 / NETWORK.reach  # offsets of 1 are scaled to the network's reach
     expected = sorted(scale * read_sample(path).disparity.mean() for path in paths)
-    np.testing.assert_allclose(means, expected, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(means, expected, **tolerance("float32"))
 
 
 @pytest.mark.parametrize(
@@ -193,7 +195,7 @@ def test_the_patch_with_most_correctable_pixels_is_used():
     assert share > 2 * covered.mean()
 
 
-def test_scenes_of_folders_have_their_share(pool, tmp_path):
+def test_scenes_of_folders_have_their_share(pool, tmp_path, tolerance):
     scenes = [flat_scene(disparity) for disparity in (5.0, 6.0)]  # in the pool at most 4
     options = {"seed": 0, "augmentation": replace(AUGMENTATION, crop=(32, 32))}
     parts = {"scenes": scenes, "weights": (1.0, 2.0)}
@@ -202,9 +204,11 @@ def test_scenes_of_folders_have_their_share(pool, tmp_path):
     for step in range(2):
         means = np.sort(source(step).disparity.mean((1, 2))) / scale
         assert means[0] < 4.0
-        np.testing.assert_allclose(means[1:], [5.0, 6.0], atol=1e-5)
+        np.testing.assert_allclose(means[1:], [5.0, 6.0], **tolerance("absolute"))
     alone = prepared_source([], tmp_path / "alone", NETWORK, 2, **options, scenes=scenes)
-    np.testing.assert_allclose(np.sort(alone(0).disparity.mean((1, 2))) / scale, [5, 6], atol=1e-5)
+    np.testing.assert_allclose(
+        np.sort(alone(0).disparity.mean((1, 2))) / scale, [5, 6], **tolerance("absolute")
+    )
     changed = [flat_scene(1.0), scenes[1]]
     with pytest.raises(InputError, match=r"scene_checksums\.0_flat is"):
         prepared_source([], tmp_path / "alone", NETWORK, 2, **options, scenes=changed)

@@ -41,20 +41,24 @@ def scores(six_steps, tmp_path_factory):
     return result, estimates, batch, folder
 
 
-def test_scores_are_means_over_the_valid_pixels_inside_the_border(scores):
+def test_scores_are_means_over_the_valid_pixels_inside_the_border(scores, tolerance):
     result, estimates, batch, _ = scores
     rows = (slice(1, 11), slice(1, 6))  # the border is an eighth of 12 pixels
     for index, estimate in enumerate(estimates):
         inside = np.s_[rows[index], 1:13]
         error = np.abs(estimate - np.asarray(batch.disparity[index]))[inside]
         name = f"sample_{index}"
-        np.testing.assert_allclose(result[f"{name}/mse_x100"], 100 * (error**2).mean(), rtol=1e-4)
+        np.testing.assert_allclose(
+            result[f"{name}/mse_x100"], 100 * (error**2).mean(), **tolerance("relative")
+        )
         for threshold in (0.07, 0.03, 0.01):
             expected = 100.0 * (error > threshold).mean()
-            np.testing.assert_allclose(result[f"{name}/badpix_{threshold:g}"], expected, rtol=1e-6)
+            np.testing.assert_allclose(
+                result[f"{name}/badpix_{threshold:g}"], expected, **tolerance("relative")
+            )
     for measure in ("mse_x100", "badpix_0.07", "badpix_0.03", "badpix_0.01"):
         mean = (result[f"sample_0/{measure}"] + result[f"sample_1/{measure}"]) / 2
-        np.testing.assert_allclose(result[measure], mean, rtol=1e-12)
+        np.testing.assert_allclose(result[measure], mean, **tolerance("float64"))
 
 
 def test_scores_equal_those_of_an_estimate_with_the_same_weights(six_steps, tmp_path):
@@ -99,7 +103,7 @@ def test_a_scene_without_ground_truth_inside_the_border_is_refused(six_steps):
         check_scenes([scenes[0], unknown], six_steps.network)
 
 
-def test_scenes_of_one_name_are_numbered(tmp_path):
+def test_scenes_of_one_name_are_numbered(tmp_path, tolerance):
     light_field = plane(grid=(9, 9), size=(16, 18), disparity=0.4)
     paths = []
     for number, folder in enumerate(("one/scene", "two/scene")):
@@ -112,8 +116,10 @@ def test_scenes_of_one_name_are_numbered(tmp_path):
         paths.append(path)
     first, second = scenes_from_folders(paths)
     assert (first.name, second.name) == ("scene", "scene_2")
-    np.testing.assert_allclose(first.floating(), light_field.views, atol=1.0 / 255)
-    np.testing.assert_allclose(second.ground_truth, light_field.ground_truth + 1, rtol=1e-6)
+    np.testing.assert_allclose(first.floating(), light_field.views, **tolerance("8 bit"))
+    np.testing.assert_allclose(
+        second.ground_truth, light_field.ground_truth + 1, **tolerance("relative")
+    )
 
 
 def test_samples_of_no_grid_keep_their_positions_and_missing_truth():

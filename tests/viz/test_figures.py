@@ -40,26 +40,32 @@ def shown_map(figure, shape):
     return image[rows[:, None], columns[None, :]]
 
 
-def test_every_value_of_a_map_is_shown_unresampled_in_viridis():
+def test_every_value_of_a_map_is_shown_unresampled_in_viridis(tolerance):
     expected = colormaps["viridis"]((RAMP + 1.0) / 3.0, bytes=True)[..., :3]
     np.testing.assert_allclose(
-        shown_map(disparity_figure(RAMP), RAMP.shape).astype(int), expected.astype(int), atol=1
+        shown_map(disparity_figure(RAMP), RAMP.shape).astype(int),
+        expected.astype(int),
+        **tolerance("colour"),
     )
 
 
-def test_confidence_colours_do_not_depend_on_the_range_of_the_map():
+def test_confidence_colours_do_not_depend_on_the_range_of_the_map(tolerance):
     image = shown_map(confidence_figure(np.full((8, 8), 0.25)), (8, 8))
     expected = np.array(colormaps["magma"](0.25, bytes=True)[:3], int)
-    np.testing.assert_allclose(image.astype(int), np.broadcast_to(expected, image.shape), atol=1)
+    np.testing.assert_allclose(
+        image.astype(int), np.broadcast_to(expected, image.shape), **tolerance("colour")
+    )
 
 
-def test_near_depth_is_yellow_and_infinite_depth_is_grey():
+def test_near_depth_is_yellow_and_infinite_depth_is_grey(tolerance):
     depth = 2.0 + RAMP.astype(np.float64)  # 1 to 4 metres
     depth[0, 0] = np.inf
     image = shown_map(depth_figure(depth), depth.shape).astype(int)
     low, high = depth[0, 1], 4.0
     expected = colormaps["viridis"]((high - depth) / (high - low), bytes=True)[..., :3].astype(int)
-    np.testing.assert_allclose(image.reshape(-1, 3)[1:], expected.reshape(-1, 3)[1:], atol=2)
+    np.testing.assert_allclose(
+        image.reshape(-1, 3)[1:], expected.reshape(-1, 3)[1:], **tolerance("colour")
+    )
     assert image[0, 0].tolist() == [0x8A, 0x8A, 0x8A]
 
 

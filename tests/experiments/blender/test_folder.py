@@ -41,21 +41,24 @@ def scene(tmp_path):
     return folder
 
 
-def test_folder_loads_as_a_light_field_with_ground_truth_and_calibration(scene):
+def test_folder_loads_as_a_light_field_with_ground_truth_and_calibration(scene, tolerance):
     write_ground_truth(scene, CONFIG)
     light_field = occjax.load(scene, check_orientation=False)
     assert light_field.grid == (3, 5)
     assert light_field.views[2, 1, 0, 0, 0] == 11
     # 50 / 36 * 40 pixels times 7 / 3 mm times (1 / 1 m - 1 / 1.2 m) and (1 / 2 m - 1 / 1.2 m).
-    near, far = 0.0216049, -0.0432099
-    np.testing.assert_allclose(light_field.ground_truth[:, :20], near, rtol=1e-4)
-    np.testing.assert_allclose(light_field.ground_truth[:, 20:], far, rtol=1e-4)
+    unit = 50 / 36 * 40 * 0.007 / 3
+    near, far = unit * (1 - 1 / 1.2), unit * (1 / 2 - 1 / 1.2)
+    np.testing.assert_allclose(light_field.ground_truth[:, :20], near, **tolerance("relative"))
+    np.testing.assert_allclose(light_field.ground_truth[:, 20:], far, **tolerance("relative"))
     assert light_field.calibration == occjax.Calibration(**RIG)
     low, high = light_field.disparity_range
     assert low <= far < near <= high
     assert high - low < 1.1 * (near - far)
     depth = light_field.calibration.depth(light_field.ground_truth, light_field.image_size)
-    np.testing.assert_allclose(depth, read_pfm(scene / "gt_depth_lowres.pfm"), rtol=1e-5)
+    np.testing.assert_allclose(
+        depth, read_pfm(scene / "gt_depth_lowres.pfm"), **tolerance("relative")
+    )
 
 
 def test_masks_are_written_as_images(scene):

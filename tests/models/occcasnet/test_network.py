@@ -28,22 +28,22 @@ def outputs(tiny_variables, tiny_views):
     return [apply(tiny_variables, views) for views in tiny_views]
 
 
-def test_every_stage_estimates_every_pixel(outputs):
+def test_every_stage_estimates_every_pixel(outputs, tolerance):
     coarse, refined = outputs[0]
     assert coarse.disparity.shape == refined.disparity.shape == (12, 14)
     assert coarse.probabilities.shape == (5, 12, 14)
     assert refined.probabilities.shape == (3, 12, 14)
     assert coarse.occlusion is None
     assert refined.occlusion.shape == (3, 3, 12, 14)
-    np.testing.assert_allclose(coarse.probabilities.sum(0), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(coarse.probabilities.sum(0), 1.0, **tolerance("relative"))
     # A refinement cannot leave the range of its candidates.
     assert np.abs(refined.disparity - coarse.disparity).max() <= 0.5 + 1e-6
 
 
-def test_vmap_agrees_with_a_loop(tiny_variables, tiny_views, outputs):
+def test_vmap_agrees_with_a_loop(tiny_variables, tiny_views, outputs, tolerance):
     batched = jax.jit(jax.vmap(partial(TINY.apply, tiny_variables)))(tiny_views)
     expected = np.stack([stages[-1].disparity for stages in outputs])
-    np.testing.assert_allclose(batched[-1].disparity, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(batched[-1].disparity, expected, **tolerance("float32"))
 
 
 def stem_statistics(variables, views, **changes):
@@ -68,20 +68,20 @@ def first_convolution(variables, images):
     return sum(padded[:, i : i + h, j : j + w, None] * kernel[i, j] for i, j in np.ndindex(3, 3))
 
 
-def test_pooled_statistics_are_those_of_the_whole_batch(tiny_variables, tiny_views):
+def test_pooled_statistics_are_those_of_the_whole_batch(tiny_variables, tiny_views, tolerance):
     after, before = stem_statistics(tiny_variables, tiny_views)
     convolved = first_convolution(tiny_variables, tiny_views.reshape(-1, 12, 14))
     for name, value in (("mean", convolved.mean((0, 1, 2))), ("var", convolved.var((0, 1, 2)))):
         expected = 0.99 * before[name] + 0.01 * value
-        np.testing.assert_allclose(after[name], expected, rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(after[name], expected, **tolerance("relative"))
 
 
-def test_per_view_statistics_are_updated_once_per_view(tiny_variables, tiny_views):
+def test_per_view_statistics_are_updated_once_per_view(tiny_variables, tiny_views, tolerance):
     after, before = stem_statistics(tiny_variables, tiny_views, feature_statistics="per_view")
     expected = before["mean"]
     for view in np.moveaxis(np.asarray(tiny_views).reshape(2, 9, 12, 14), 1, 0):
         expected = 0.99 * expected + 0.01 * first_convolution(tiny_variables, view).mean((0, 1, 2))
-    np.testing.assert_allclose(after["mean"], expected, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(after["mean"], expected, **tolerance("relative"))
 
 
 @pytest.mark.slow
@@ -101,7 +101,9 @@ def test_gradients_reach_every_parameter_and_are_finite(tiny_variables, tiny_vie
         assert np.abs(gradient).max() > 0, path
 
 
-def test_transposed_warp_swaps_rows_and_columns_of_the_occlusion_maps(tiny_variables, tiny_views):
+def test_transposed_warp_swaps_rows_and_columns_of_the_occlusion_maps(
+    tiny_variables, tiny_views, tolerance
+):
     """A transposed grid with the correct warp equals the grid with the transposed warp."""
     views, disparity = tiny_views[0], 0.7 * jnp.ones((12, 14))
 
@@ -111,17 +113,17 @@ def test_transposed_warp_swaps_rows_and_columns_of_the_occlusion_maps(tiny_varia
 
     transposed = maps(views, "transposed")
     swapped = maps(views.transpose(1, 0, 2, 3), "correct").transpose(1, 0, 2, 3)
-    np.testing.assert_allclose(transposed, swapped, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(transposed, swapped, **tolerance("absolute"))
     assert np.abs(maps(views, "correct") - transposed).max() > 0.1
 
 
-def test_candidates_are_an_argument(tiny_variables, tiny_views, outputs):
+def test_candidates_are_an_argument(tiny_variables, tiny_views, outputs, tolerance):
     configured = jnp.array(TINY.config.stages[0].candidates)
     apply = jax.jit(
         lambda candidates: TINY.apply(tiny_variables, tiny_views[0], candidates=candidates)
     )
     same, moved = apply(configured)[0], apply(configured + 1.5)[0]
-    np.testing.assert_allclose(same.disparity, outputs[0][0].disparity, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(same.disparity, outputs[0][0].disparity, **tolerance("float32"))
     assert moved.disparity.min() >= configured[0] + 1.5
 
 
@@ -136,7 +138,9 @@ def test_exact_visibility_is_the_occlusion_map(tiny_variables, tiny_views):
     np.testing.assert_array_equal(maps, np.where(visibility, 0.0, 1.0))
 
 
-def test_ground_truth_occlusion_needs_and_uses_the_ground_truth(tiny_variables, tiny_views):
+def test_ground_truth_occlusion_needs_and_uses_the_ground_truth(
+    tiny_variables, tiny_views, tolerance
+):
     first, second = TINY.config.stages
     stages = (first, dataclasses.replace(second, occlusion="ground_truth"))
     network, views = OccCasNet(dataclasses.replace(TINY.config, stages=stages)), tiny_views[0]
@@ -146,7 +150,7 @@ def test_ground_truth_occlusion_needs_and_uses_the_ground_truth(tiny_variables, 
     maps = network.apply(tiny_variables, 1, views, None, truth, method="occlusion")
     # View row -1 of disparity 0.5 is read half a pixel below.
     expected = jnp.abs((views[0, 1, 4, 5] + views[0, 1, 5, 5]) / 2 - views[1, 1, 4, 5])
-    np.testing.assert_allclose(maps[0, 1, 4, 5], expected, rtol=1e-5)
+    np.testing.assert_allclose(maps[0, 1, 4, 5], expected, **tolerance("relative"))
 
 
 def test_bfloat16_is_close_to_float32(tiny_variables, tiny_views, outputs, tolerance):
@@ -159,7 +163,7 @@ def test_bfloat16_is_close_to_float32(tiny_variables, tiny_views, outputs, toler
     assert np.abs(outputs[0][-1].disparity - rounded).mean() < limit
 
 
-def test_volume_of_statistics_is_mean_and_variance_over_the_views(uniform):
+def test_volume_of_statistics_is_mean_and_variance_over_the_views(uniform, tolerance):
     network = OccCasNet(TINY.config.with_stages(attention=False, volume="statistics"))
     features, zero = uniform(3, 3, 6, 5, 4), jnp.zeros(1)  # registered at disparity 0
     coarse = network.apply({}, 0, features, zero, None, None, method="volume")
@@ -168,4 +172,4 @@ def test_volume_of_statistics_is_mean_and_variance_over_the_views(uniform):
     for volume, views in ((coarse, features), (refined, features[1:])):
         views = np.asarray(views).reshape(-1, 6, 5, 4)
         expected = np.concatenate([views.mean(0), views.var(0)], axis=-1)
-        np.testing.assert_allclose(volume[0], expected, atol=1e-5)
+        np.testing.assert_allclose(volume[0], expected, **tolerance("absolute"))

@@ -81,17 +81,19 @@ ROW_OR_COLUMN = StageConfig(
     ],
     ids=["statistics", "two rows", "a column", "other candidates"],
 )
-def test_strips_equal_the_whole_image_for_other_networks(config, shape, candidates, uniform):
+def test_strips_equal_the_whole_image_for_other_networks(
+    config, shape, candidates, uniform, tolerance
+):
     variables, views = random_variables(config), uniform(*shape)
     candidates = None if candidates is None else jnp.array(candidates)
     stripped = in_strips(5, config)(variables, views, candidates=candidates)
     whole = jax.jit(OccCasNet(config).apply)(variables, views, candidates=candidates)
     for strip, full in zip(stripped, whole, strict=True):
-        np.testing.assert_allclose(strip.disparity, full.disparity, atol=1e-5)
+        np.testing.assert_allclose(strip.disparity, full.disparity, **tolerance("convolution"))
 
 
 @pytest.mark.slow
-def test_prediction_is_differentiable_and_vmappable(uniform):
+def test_prediction_is_differentiable_and_vmappable(uniform, tolerance):
     config = dataclasses.replace(FAST, stages=(ROW_OR_COLUMN,))
     variables, views = random_variables(config), uniform(3, 3, 9, 6)
 
@@ -102,7 +104,7 @@ def test_prediction_is_differentiable_and_vmappable(uniform):
         jnp.stack([views, views])
     )
     whole = jax.jit(partial(mean_disparity, rows=9))(views)
-    np.testing.assert_allclose(values, whole, atol=1e-5)
+    np.testing.assert_allclose(values, whole, **tolerance("convolution"))
     assert np.isfinite(gradients).all()
     assert np.abs(gradients).max() > 0
 

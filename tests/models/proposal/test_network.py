@@ -37,10 +37,10 @@ def output(variables, views):
     return apply(variables, views, OFFSETS, CANDIDATES)
 
 
-def test_selection_is_among_the_proposals(output):
+def test_selection_is_among_the_proposals(output, tolerance):
     selection = output.selection
     assert selection.probabilities.shape == (1 + 8 + 1, 16, 16)  # refined, neighbours, second-best
-    np.testing.assert_allclose(selection.probabilities.sum(0), 1, atol=1e-5)
+    np.testing.assert_allclose(selection.probabilities.sum(0), 1, **tolerance("absolute"))
     assert (selection.disparity >= selection.proposed.min(0) - 1e-5).all()
     assert (selection.disparity <= selection.proposed.max(0) + 1e-5).all()
     np.testing.assert_array_equal(selection.proposed[0], output.refined)
@@ -64,7 +64,7 @@ def test_confidence_is_at_most_1_where_the_sum_of_probabilities_is_rounded_up(un
     assert float(selection_confidence(selection, jnp.ones((64, 64)), CONFIG).max()) == 1.0
 
 
-def test_order_of_the_views_does_not_matter(variables, views, output):
+def test_order_of_the_views_does_not_matter(variables, views, output, tolerance):
     order = np.array([8, 1, 2, 3, 4, 0, 6, 7, 5])  # the centre view stays
     shuffled = apply(
         variables,
@@ -73,15 +73,17 @@ def test_order_of_the_views_does_not_matter(variables, views, output):
         CANDIDATES,
     )
     # Sums in another order differ in the last digits.
-    np.testing.assert_allclose(shuffled.disparity, output.disparity, rtol=2e-5, atol=2e-5)
+    np.testing.assert_allclose(shuffled.disparity, output.disparity, **tolerance("float32"))
 
 
-def test_views_twice_as_far_apart_have_half_the_disparity(variables, views, output):
+def test_views_twice_as_far_apart_have_half_the_disparity(variables, views, output, tolerance):
     far = apply(variables, views, 2 * OFFSETS, CANDIDATES / 2)
     for name in ("disparity", "searched", "refined", "standard_deviation"):
         near = getattr(output, name)
-        np.testing.assert_allclose(getattr(far, name), near / 2, atol=1e-5, err_msg=name)
-    np.testing.assert_allclose(far.confidence, output.confidence, atol=1e-5)
+        np.testing.assert_allclose(
+            getattr(far, name), near / 2, err_msg=name, **tolerance("absolute")
+        )
+    np.testing.assert_allclose(far.confidence, output.confidence, **tolerance("absolute"))
 
 
 def test_searched_disparity_is_within_the_candidates(variables, views):
@@ -90,14 +92,16 @@ def test_searched_disparity_is_within_the_candidates(variables, views):
     assert moved.searched.max() <= 10.0
 
 
-def test_default_candidates_and_offsets_are_those_of_the_reach(views):
+def test_default_candidates_and_offsets_are_those_of_the_reach(views, tolerance):
     grey, candidates, scale = ProposalNet(CONFIG).apply(
         {}, views, None, 2 * OFFSETS, multiple=2, method="normalise"
     )
-    np.testing.assert_allclose(candidates, np.linspace(-4, 4, 33), atol=1e-5)
+    np.testing.assert_allclose(candidates, np.linspace(-4, 4, 33), **tolerance("absolute"))
     assert scale == 0.5
     assert jnp.abs(grey.offsets).max() == CONFIG.reach
-    np.testing.assert_allclose(jnp.quantile(grey.centre, 0.99), CONFIG.exposure.white, rtol=1e-5)
+    np.testing.assert_allclose(
+        jnp.quantile(grey.centre, 0.99), CONFIG.exposure.white, **tolerance("relative")
+    )
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ texture_weight = jax.jit(partial(noise.texture_weight, config=CONFIG))
 
 @pytest.mark.parametrize("displacement", [(0.0, 3.0), (-0.5, 0.5), (-0.5, 0.25), (0.3, -1.2)])
 @pytest.mark.parametrize("correlation", [(0.0, 0.0), (0.6, 0.3)])
-def test_gain_is_the_variance_of_interpolated_noise(displacement, correlation):
+def test_gain_is_the_variance_of_interpolated_noise(displacement, correlation, tolerance):
     # Interpolation is linear: its responses to single bright pixels are its weights.
     weights = [
         bilinear(np.eye(1, 49, k).reshape(7, 7), 3 + displacement[0], 3 + displacement[1])
@@ -29,7 +29,7 @@ def test_gain_is_the_variance_of_interpolated_noise(displacement, correlation):
     down, right = (np.abs(line[:, None] - line[None]) for line in (y, x))
     covariance = np.float64(correlation[0]) ** down * np.float64(correlation[1]) ** right
     gain = noise.interpolation_gain(jnp.array(displacement), jnp.array(correlation))
-    np.testing.assert_allclose(gain, weights @ covariance @ weights, rtol=1e-5)
+    np.testing.assert_allclose(gain, weights @ covariance @ weights, **tolerance("relative"))
 
 
 @pytest.mark.parametrize("deviation", [0.0, 0.2, 1.0, 5.0])

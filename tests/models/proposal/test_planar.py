@@ -70,7 +70,7 @@ def test_small_images_and_no_information_give_finite_maps(size):
     assert np.abs(found - disparity).max() <= CONFIG.tolerance * CONFIG.max_deviation
 
 
-def test_the_fraction_that_a_quadratic_function_explains_is_that_of_least_squares():
+def test_the_fraction_that_a_quadratic_function_explains_is_that_of_least_squares(tolerance):
     rng = np.random.default_rng(0)
     weights = rng.uniform(0, 1, (3, 200)).astype(np.float32)
     positions = np.stack([np.ones(200), *rng.uniform(0, 8, (2, 200))]).astype(np.float32)
@@ -83,4 +83,4 @@ def test_the_fraction_that_a_quadratic_function_explains_is_that_of_least_square
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(terms * root[:, None], residual * root, rcond=None)[0]
         expected = weight @ (terms @ solution) ** 2 / (weight @ residual**2)
-        np.testing.assert_allclose(fraction, expected, rtol=1e-3)
+        np.testing.assert_allclose(fraction, expected, **tolerance("float32"))

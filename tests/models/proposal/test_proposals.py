@@ -39,19 +39,19 @@ def test_all_neighbours_on_one_surface_propose_its_disparity():
         assert true < 0.5 * other
 
 
-def test_neighbours_continue_their_surface_up_to_an_edge_and_beyond():
+def test_neighbours_continue_their_surface_up_to_an_edge_and_beyond(tolerance):
     y, x = np.mgrid[:20, :48].astype(np.float32)
     left, right = 0.5 + 0.02 * y - 0.05 * x, -1.0 - 0.03 * y - 0.04 * x
     disparity = jnp.asarray(np.where(x < 24, left, right))
     from_right, from_left = continued_surfaces(disparity, ((0, 3), (0, -3)), 8)
-    np.testing.assert_allclose(from_right[:, 21:24], right[:, 21:24], atol=1e-5)
-    np.testing.assert_allclose(from_left[:, 24:27], left[:, 24:27], atol=1e-5)
+    np.testing.assert_allclose(from_right[:, 21:24], right[:, 21:24], **tolerance("absolute"))
+    np.testing.assert_allclose(from_left[:, 24:27], left[:, 24:27], **tolerance("absolute"))
     peak = jnp.zeros((33, 33)).at[16, 16].set(1.0)  # the slopes on both sides differ in sign
     (continued,) = continued_surfaces(peak, ((0, 3),), 8)
     np.testing.assert_array_equal(continued[:, 13], peak[:, 16])
 
 
-def test_neighbours_continue_their_surface_at_the_image_border():
+def test_neighbours_continue_their_surface_at_the_image_border(tolerance):
     y, x = np.mgrid[:24, :32].astype(np.float32)
     surface = 0.5 + 0.02 * y - 0.05 * x
     offsets = ((0, 4), (0, -4), (4, 0), (-10, 10))
@@ -59,7 +59,7 @@ def test_neighbours_continue_their_surface_at_the_image_border():
     for found, (down, right) in zip(continued, offsets, strict=True):
         # Outside the image, the nearest pixel inside is the neighbour.
         inner = np.s_[max(-down, 0) : 24 - max(down, 0), max(-right, 0) : 32 - max(right, 0)]
-        np.testing.assert_allclose(found[inner], surface[inner], atol=1e-5)
+        np.testing.assert_allclose(found[inner], surface[inner], **tolerance("absolute"))
 
 
 def test_second_best_is_the_least_cost_far_from_the_best():

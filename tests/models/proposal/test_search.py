@@ -14,17 +14,17 @@ from occjax.models.proposal.search import GreyViews, interpolate_volume
 from tests.scenes import noisy_waves
 
 
-def test_volumes_are_interpolated_linearly_within_their_range(uniform):
+def test_volumes_are_interpolated_linearly_within_their_range(uniform, tolerance):
     candidates = jnp.linspace(-1.0, 1.0, 5)
     volume, disparities = uniform(5, 3, 4), 2.6 * uniform(2, 3, 4, seed=1) - 1.3
     found = interpolate_volume(volume, candidates, disparities)
     for k, y, x in np.ndindex(2, 3, 4):
         expected = np.interp(disparities[k, y, x], candidates, volume[:, y, x])
-        np.testing.assert_allclose(found[k, y, x], expected, atol=1e-5)
+        np.testing.assert_allclose(found[k, y, x], expected, **tolerance("absolute"))
 
 
 @pytest.mark.slow
-def test_noisy_waves_are_found():
+def test_noisy_waves_are_found(tolerance):
     disparity = 0.5
     grey = GreyViews(noisy_waves(0.02, disparity), jnp.asarray(view_offsets(3, 3)))
     found = jax.jit(search.search, static_argnames="config")(
@@ -33,7 +33,7 @@ def test_noisy_waves_are_found():
     assert found.disparity.shape == (32, 32)
     error = np.abs(found.disparity - disparity)[4:-4, 4:-4]
     assert np.quantile(error, 0.9) < 0.125  # half an interval
-    np.testing.assert_allclose(found.probabilities.sum(0), 1.0, atol=1e-5)
+    np.testing.assert_allclose(found.probabilities.sum(0), 1.0, **tolerance("absolute"))
     np.testing.assert_array_equal(found.aggregated.min(0), np.zeros((32, 32)))
 
 

@@ -31,7 +31,7 @@ def test_selection_depends_on_a_neighbourhood_of_about_a_hundred_pixels(
     assert difference[:20].max() == 0
 
 
-def test_order_of_the_neighbours_does_not_matter(variables, random_proposals):
+def test_order_of_the_neighbours_does_not_matter(variables, random_proposals, tolerance):
     """Only the first proposal, the refined disparity, and the last have a fixed place."""
     proposals = random_proposals(16, 16)
     order = np.array([0, 8, 3, 1, 2, 7, 5, 4, 6, 9])
@@ -45,8 +45,10 @@ def test_order_of_the_neighbours_does_not_matter(variables, random_proposals):
     )
     expected = select(variables, proposals)
     found = select(variables, shuffled, config=reordered)
-    np.testing.assert_allclose(found.probabilities, expected.probabilities[order], atol=1e-5)
-    np.testing.assert_allclose(found.disparity, expected.disparity, atol=1e-5)
+    np.testing.assert_allclose(
+        found.probabilities, expected.probabilities[order], **tolerance("absolute")
+    )
+    np.testing.assert_allclose(found.disparity, expected.disparity, **tolerance("absolute"))
     mismatched = select(variables, shuffled)
     assert np.abs(mismatched.probabilities - expected.probabilities[order]).max() > 1e-3
 
@@ -59,21 +61,21 @@ def untrained(variables, initial_bias):
     return {"params": {"selector": params}}
 
 
-def test_proposals_close_to_the_likeliest_are_averaged(variables, random_proposals):
+def test_proposals_close_to_the_likeliest_are_averaged(variables, random_proposals, tolerance):
     """Without training, the scores are known: a bias of log 2 for the first proposal, else 0."""
     proposals = random_proposals(16, 16)
     change = 0.1 * jnp.round(10 * (proposals.proposed - proposals.disparity[None]))
     proposals = proposals._replace(proposed=proposals.disparity[None] + change)
     selection = select(untrained(variables, np.log(2)), proposals)
-    np.testing.assert_allclose(selection.probabilities[0], 2 / 11, rtol=1e-5)
-    np.testing.assert_allclose(selection.probabilities[1:], 1 / 11, rtol=1e-5)
+    np.testing.assert_allclose(selection.probabilities[0], 2 / 11, **tolerance("relative"))
+    np.testing.assert_allclose(selection.probabilities[1:], 1 / 11, **tolerance("relative"))
     proposed = np.asarray(proposals.proposed)
     near = np.abs(proposed - proposed[0]) <= CONFIG.selector.window
     expected = np.average(proposed, axis=0, weights=near * np.asarray(selection.probabilities))
-    np.testing.assert_allclose(selection.disparity, expected, atol=1e-5)
+    np.testing.assert_allclose(selection.disparity, expected, **tolerance("absolute"))
 
 
-def test_source_features_agree_with_loops(random_proposals):
+def test_source_features_agree_with_loops(random_proposals, tolerance):
     proposals = random_proposals(9, 11)
     sources = ((0, 0), *CONFIG.proposals.offsets, (0, 0))
     found = proposal_source_features(proposals, sources, 0.05)
@@ -100,7 +102,7 @@ def test_source_features_agree_with_loops(random_proposals):
                 np.sqrt(at(costs[0, 9], y + down, x + right)),
                 np.mean(agreement),
             ]
-            np.testing.assert_allclose(found[k, :, y, x], expected, atol=1e-5)
+            np.testing.assert_allclose(found[k, :, y, x], expected, **tolerance("absolute"))
 
 
 @pytest.mark.slow

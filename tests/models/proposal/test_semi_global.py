@@ -43,9 +43,9 @@ def test_disparity_fills_a_flat_region_up_to_the_edge_of_the_guide():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("x64")
-def test_derivatives_agree_with_finite_differences():
+def test_derivatives_agree_with_finite_differences(tolerance):
     generator = np.random.default_rng(0)
     arrays = generator.random((3, 4, 5)), generator.random((4, 5))
     jax.test_util.check_grads(
-        aggregate, arrays, order=1, modes=("rev",), atol=1e-5, rtol=1e-5, eps=1e-7
+        aggregate, arrays, order=1, modes=("rev",), eps=1e-7, **tolerance("finite difference")
     )
