@@ -223,7 +223,7 @@ def compare_rows(difference: float, spread: float | None) -> str:
 SCORES_HEAD = (
     *("row", "set", "MSE x100", "BadPix 0.07", "BadPix 0.03", "BadPix 0.01", "Q25 x100"),
     *("BadPix 0.07 at edges", "BadPix 0.07 elsewhere"),
-    "BadPix 0.07 against the first row: all, at edges, elsewhere",
+    "BadPix 0.07 against the same seeds of the first row: all, at edges, elsewhere",
 )
 
 
@@ -287,12 +287,15 @@ def scores_table(results: Mapping[str, Result], question: str) -> str:
 def _against(
     row: Result, first: Result, results: Mapping[str, Result], group: str, region: str
 ) -> str:
-    """Compare the BadPix 0.07 of a row with that of another, see :func:`compare_rows`."""
+    """Compare the BadPix 0.07 of a row with that of another, see :func:`compare_rows`.
+
+    The seeds that both rows have are compared: rows of one seed train on the same batches.
+    """
     own, other = (each.values(group, region, MAIN[1]) for each in (row, first))
-    if not own or not other:
+    differences = [one - base for one, base in zip(own, other, strict=False)]
+    if not differences:
         return "not known"
-    spread = spread_of_seeds(results, group, region, MAIN[1])
-    return compare_rows(mean(own) - mean(other), spread)
+    return compare_rows(mean(differences), spread_of_seeds(results, group, region, MAIN[1]))
 
 
 def report(results: Mapping[str, Result], questions: Sequence[str]) -> str:

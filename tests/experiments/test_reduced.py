@@ -109,6 +109,8 @@ def test_table_compares_with_the_first_row_and_the_paper(tmp_path):
         write_log(tmp_path, "cas_2", seed, everywhere=8.0 + seed)
         write_log(tmp_path, "cas_3", seed, everywhere=10.5 + seed)
         write_log(tmp_path, "cas_4", seed, everywhere=14.0 + seed)
+    # Lower than the mean of the first row by more than the spread, but not than its first seed.
+    write_log(tmp_path, "interval_1_2", 0, everywhere=9.5)
     results = reduced_report.read_results(tmp_path)
     # The variance of each row is 1, and so is the pooled spread.
     spread = reduced_report.spread_of_seeds(results, "procedural", "all", "badpix_0.07")
@@ -121,13 +123,14 @@ def test_table_compares_with_the_first_row_and_the_paper(tmp_path):
         ["2.511", "yes, not known, not known"],
         ["2.704", "none, not known, not known"],
         ["2.650", "no, not known, not known"],
+        ["", ""],
     ]
     scores = cells(reduced_report.scores_table(results, question))
     assert {row[1] for row in scores} == {"procedural"}
     assert scores[1][2:4] == ["1.00 ± 0.00", "9.00 ± 1.00"]
-    assert [row[7] for row in scores] == ["50.00 ± 0.00"] * 4  # at edges
+    assert [row[7] for row in scores] == ["50.00 ± 0.00"] * 4 + ["50.00"]  # at edges
     assert [row[9] for row in scores] == [
-        *("", "lower, none, none", "none, none, none", "higher, none, none")
+        *("", "lower, none, none", "none, none, none", "higher, none, none", "none, none, none")
     ]
 
 
