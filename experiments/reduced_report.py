@@ -220,6 +220,16 @@ def compare_rows(difference: float, spread: float | None) -> str:
     return "lower" if difference < 0.0 else "higher"
 
 
+LEGEND = """\
+A row is a network of `experiments.networks` or `experiments.reduced`, at the reduced size.
+Scores are means over its seeds ± their standard deviation. A row is `lower` or `higher` than the
+first row of its question if the mean difference over their common seeds is larger than the
+spread of seeds: the standard deviation over the seeds, pooled over all rows that have several.
+Otherwise the difference is `none`. A row agrees with the paper if its difference has the
+direction of the paper's table 3. Edges are the pixels within 5 pixels of a depth edge.
+Multiply-adds are those of the layers in a training step."""
+"""What stands above the tables."""
+
 SCORES_HEAD = (
     *("row", "set", "MSE x100", "BadPix 0.07", "BadPix 0.03", "BadPix 0.01", "Q25 x100"),
     *("BadPix 0.07 at edges", "BadPix 0.07 elsewhere"),
@@ -309,6 +319,7 @@ def report(results: Mapping[str, Result], questions: Sequence[str]) -> str:
     ]
     if not parts:
         return "No two rows of a question are finished."
+    parts.insert(0, LEGEND)
     parts += [weights_text(rows), order_stability(rows), hours_text(rows)]
     return "\n\n".join(part for part in parts if part)
 
