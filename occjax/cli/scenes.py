@@ -139,8 +139,7 @@ def estimate_scenes(
             camera=camera,
             estimator=estimator,
             disparity_range=disparity_range,
-            view=run.view,
-            all_views=run.all_views,
+            run=run,
             folder=folder,
             options=options,
         )
@@ -210,8 +209,7 @@ class SceneSteps:
         camera: Camera parameters, in place of those of the files.
         estimator: The estimator.
         disparity_range: Range to search, or None.
-        view: ``(v, u)`` of the view that is estimated; None for the centre view.
-        all_views: Whether the other views are estimated too.
+        run: Which views are estimated.
         folder: Folder in which the folders of results are made.
         options: What is written.
     """
@@ -221,8 +219,7 @@ class SceneSteps:
     camera: CameraOptions
     estimator: Estimator
     disparity_range: DisparityRange | None
-    view: tuple[int, int] | None
-    all_views: bool
+    run: RunOptions
     folder: Path
     options: OutputOptions
 
@@ -236,8 +233,8 @@ class SceneSteps:
             light_field = self.reader(path)
         calibration = self.camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
-        if self.view is not None:
-            light_field = with_report(light_field).around(self.view)
+        if self.run.view is not None:
+            light_field = with_report(light_field).around(self.run.view)
         return _LoadedScene(light_field, settings, messages, time.perf_counter() - begin)
 
     def estimate(self, scene: _LoadedScene, report_phase: ReportPhase) -> _Estimated:
@@ -253,7 +250,7 @@ class SceneSteps:
         )
         seconds = {"load": scene.seconds, **estimate.seconds}
         views = None
-        if self.all_views:
+        if self.run.all_views:
             begin = time.perf_counter()
             views = estimate_all_views(
                 self.estimator,

@@ -90,8 +90,8 @@ def atomic_folder(
         path: Folder to write. If it exists, the new files replace those of the same name, one by
             one, after all of them are complete and no folder has one of their names. Other files
             in it are kept, since they may be the user's.
-        owned: Names of files that belong to the writer: those that the body does not write are
-            remains of an earlier run and are removed.
+        owned: Relative paths of files that belong to the writer: those that the body does not write
+            are remains of an earlier run and are removed.
         marker: Name of a file whose presence shows that all files belong together: in an existing
             folder it is removed before the first file is replaced, and is the last one to appear.
 
@@ -249,7 +249,7 @@ def _move_into_place(
             raise CannotWriteError(target, "a folder has its name")
         if source.is_dir() and target.exists() and not target.is_dir():
             raise CannotWriteError(target, "a file has its name")
-    stale = set(owned) - {target.name for _, target in moves if target.parent == path}
+    stale = set(owned) - {target.relative_to(path).as_posix() for _, target in moves}
     for name in (marker, *stale):
         if name is not None and not (path / name).is_dir():
             (path / name).unlink(missing_ok=True)

@@ -158,7 +158,8 @@ def write_outputs(
     signal = has_signal(light_field, estimate.confidence)
     in_cloud = _cloud_mask(estimate, signal, options.min_confidence)
     notes = (*estimate.notes, *_notes(light_field, metrics, signal, in_cloud, options))
-    with atomic_folder(folder, owned=FILES, marker=SUMMARY) as temporary:
+    maps_of_views = (path.relative_to(folder).as_posix() for path in folder.glob(f"{FOLDER}/*.pfm"))
+    with atomic_folder(folder, owned=(*FILES, *maps_of_views), marker=SUMMARY) as temporary:
         if "maps" in options.save:
             _write_maps(estimate, light_field, temporary)
         if "pictures" in options.save:
@@ -181,12 +182,8 @@ def write_outputs(
         text = json.dumps(content, indent=2)
         (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
         names = _names(temporary)
-    # An earlier estimate may have left maps of all views, or of more views.
-    if estimate.views is None:
+    if estimate.views is None:  # An earlier estimate may have left the folder of all views.
         shutil.rmtree(folder / FOLDER, ignore_errors=True)
-    for path in folder.glob(f"{FOLDER}/*.pfm"):
-        if path.relative_to(folder).as_posix() not in names:
-            path.unlink()
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
 
 
