@@ -275,10 +275,14 @@ def _edge_aware_sums(
         * (1 / radius + jnp.abs(jnp.diff(guides, axis=axis)).sum(0))
         for axis in (2, 1)
     )
-    for pass_ in range(passes):
-        rows = _decaying_sums(rows, jnp.exp(-(2**pass_) * along_columns)).T
-        rows = _decaying_sums(rows, jnp.exp(-(2**pass_) * along_rows).T).T
-    return rows
+
+    def add(rows, factor):
+        rows = _decaying_sums(rows, jnp.exp(-factor * along_columns)).T
+        return _decaying_sums(rows, jnp.exp(-factor * along_rows).T).T, None
+
+    # A loop in Python would be compiled once per pass.
+    factors = 2.0 ** jnp.arange(passes, dtype=rows.dtype)
+    return jax.lax.scan(add, rows, factors)[0]
 
 
 def _decaying_sums(

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from occjax.models.proposal.config import PlanarConfig
 from occjax.models.proposal.filters import box_filter
@@ -192,19 +192,22 @@ def quadratic_fraction(
     """Return the fraction of the variance of residuals that a quadratic function explains."""
     weights = weights / jnp.maximum(weights.sum(1, keepdims=True), 1e-9)
 
-    def dot(one: Float[Array, "k n"], other: Float[Array, "k n"]) -> Float[Array, "k 1"]:
-        return (weights * one * other).sum(1, keepdims=True)
+    def dot(one: Float[Array, "_ k n"], other: Float[Array, "_ k n"]) -> Float[Array, "_ k 1"]:
+        return (weights[None] * one * other).sum(2, keepdims=True)
 
     x, y = positions[1:, None] - (weights @ positions[1:].T).T[..., None]
+    residuals = residuals[None]
+    terms = jnp.stack([jnp.ones_like(x), x, y, x * x, x * y, y * y])
+    smallest = 1e-2 * jnp.sqrt(dot(terms, terms)) + 1e-8
+
     # Modified Gram-Schmidt: a solver of JAX would call LAPACK, which takes 0.3 s to load.
-    basis: list[Float[Array, "k n"]] = []
-    for term in (jnp.ones_like(x), x, y, x * x, x * y, y * y):
-        smallest = 1e-2 * jnp.sqrt(dot(term, term)) + 1e-8
-        for direction in basis:
-            term = term - dot(direction, term) * direction
-        basis.append(term / jnp.maximum(jnp.sqrt(dot(term, term)), smallest))
-    explained = sum(jnp.square(dot(direction, residuals)) for direction in basis)
-    return (explained / jnp.maximum(dot(residuals, residuals), 1e-12))[:, 0]
+    def remove(terms: Float[Array, "6 k n"], number: Int[Array, ""]):
+        term = terms[number][None]
+        direction = term / jnp.maximum(jnp.sqrt(dot(term, term)), smallest[number][None])
+        return terms - dot(direction, terms) * direction, jnp.square(dot(direction, residuals))
+
+    explained = jax.lax.scan(remove, terms, jnp.arange(len(terms)))[1].sum(0)
+    return (explained / jnp.maximum(dot(residuals, residuals), 1e-12)).reshape(-1)
 
 
 def _positions(shape: tuple[int, ...]) -> Float[Array, "3 h w"]:

@@ -147,16 +147,15 @@ def make_proposals(
         costs = refined_sector_costs(
             features, disparity[None], penalties=penalties, offsets=grey.offsets
         )
-        robust, absolute, detail = (
-            sector_means(SectorCosts(sums, costs.weights)) for sums in costs.sums
-        )
+        means = jax.vmap(lambda sums: sector_means(SectorCosts(sums, costs.weights)))(costs.sums)
+        robust, absolute, detail = means.best_half[:, 0]
         aggregated = _sample_half_resolution(searched.aggregated, candidates, disparity)
         return ProposalCosts.stack(
-            sectors=robust.sectors[:, 0],
-            aperture=robust.aperture[0],
-            best_half=robust.best_half[0],
-            absolute=absolute.best_half[0],
-            detail=detail.best_half[0],
+            sectors=means.sectors[0, :, 0],
+            aperture=means.aperture[0, 0],
+            best_half=robust,
+            absolute=absolute,
+            detail=detail,
             aggregated=aggregated / settings.max_aggregated_cost,
         )
 

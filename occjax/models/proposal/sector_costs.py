@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from occjax.kernels.bilinear import inside_view, pack_pairs, warp_packed_pair, warp_plane
 from occjax.models.proposal.aperture import SECTORS, other_views
@@ -169,13 +169,13 @@ def sector_means(costs: SectorCosts) -> SectorMeans:
         for sector_sum, sector_weight in zip(sums, weights, strict=True)
     ]
 
-    def half(first):
+    def better(best: Float[Array, "d h w"], first: Int[Array, ""]):
         # Both sectors at the edge of a half belong to it.
         members = [(first + step) % SECTORS for step in range(SECTORS // 2 + 1)]
-        weight = sum(weights[sector] for sector in members) + MIN_WEIGHT
-        return box_filter((sum(sums[s] for s in members) + MIN_WEIGHT * mean) / weight, 1)
+        total, weight = (sum(part[sector] for sector in members) for part in costs)
+        half = (total + MIN_WEIGHT * mean) / (weight + MIN_WEIGHT)
+        return jnp.minimum(best, box_filter(half, 1)), None
 
-    best = half(0)
-    for first in range(1, SECTORS):
-        best = jnp.minimum(best, half(first))
+    # A loop in Python would be compiled once per half.
+    best, _ = jax.lax.scan(better, jnp.full_like(mean, jnp.inf), jnp.arange(SECTORS))
     return SectorMeans(jnp.stack(sectors), mean, best)

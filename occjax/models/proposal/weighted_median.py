@@ -8,7 +8,6 @@ disparities of the two sides of a depth edge.
 from __future__ import annotations
 
 import itertools
-import math
 
 import jax
 import jax.numpy as jnp
@@ -46,29 +45,26 @@ def replace_uncertain(
     margin = config.radius_px
     places = list(itertools.product(range(2 * margin + 1), repeat=2))
 
-    def pad(image: Float[Array, "h w"]) -> Float[Array, "y x"]:
-        return jnp.pad(image, margin, mode="edge")
-
-    def around(padded: Float[Array, "y x"]) -> list[Float[Array, "h w"]]:
-        return [padded[y : y + height, x : x + width] for y, x in places]
-
     # Where nothing is certain, all pixels count.
-    certainties = around(pad(jnp.square(confidence) + 1e-6))
-    neighbours = zip(places, certainties, around(pad(centre)), strict=True)
-    weights = jnp.stack(
-        [
-            _proximity(y - margin, x - margin, config)
-            * certainty
-            * jnp.exp(-jnp.abs(grey - centre) / config.grey_scale)
-            for (y, x), certainty, grey in neighbours
-        ]
-    )
-    half, padded = sum_leading(weights) / 2, pad(disparity)
+    maps = jnp.stack([jnp.square(confidence) + 1e-6, centre, disparity])
+    margins = [(0, 0), (margin, margin), (margin, margin)]
+    padded = jnp.pad(maps, margins, mode="edge")
+
+    def weight(place: Int[Array, "2"]) -> Float[Array, "h w"]:
+        certainty, grey, _ = jax.lax.dynamic_slice(padded, (0, *place), (3, height, width))
+        distance = jnp.square(place - margin).sum().astype(centre.dtype)
+        proximity = jnp.exp(-distance / (2 * config.deviation_px**2))
+        return proximity * certainty * jnp.exp(-jnp.abs(grey - centre) / config.grey_scale)
+
+    weights = jax.lax.map(weight, jnp.asarray(places))
+    disparities = padded[2]
+    half = sum_leading(weights) / 2
 
     def lower(median: Float[Array, "h w"], place: Int[Array, "2"]):
-        value = jax.lax.dynamic_slice(padded, place, (height, width))
+        value = jax.lax.dynamic_slice(disparities, place, (height, width))
         # Sums of slices are one loop over the pixels; a stack would be read from memory.
-        terms = zip(around(padded), weights, strict=True)
+        others = (disparities[y : y + height, x : x + width] for y, x in places)
+        terms = zip(others, weights, strict=True)
         weight_up_to_value = sum(jnp.where(other <= value, weight, 0.0) for other, weight in terms)
         found = (weight_up_to_value >= half) & (value < median)
         return jnp.where(found, value, median), None
@@ -77,8 +73,3 @@ def replace_uncertain(
     start = jnp.full_like(disparity, jnp.inf)
     median, _ = jax.lax.scan(lower, start, jnp.asarray(places))
     return jnp.where(confidence < config.max_confidence, median, disparity)
-
-
-def _proximity(y: int, x: int, config: WeightedMedianConfig) -> float:
-    """Return the weight of a pixel by its distance from the uncertain one."""
-    return math.exp(-(y**2 + x**2) / (2 * config.deviation_px**2))
