@@ -173,7 +173,7 @@ def load_or_compile(
     def build() -> Callable[..., Any]:
         _report.get()()
         compiled = (traced or lower()).compile()
-        _release_memory()
+        release_memory()
         if path is not None:
             _write(path, compiled)
         return compiled
@@ -392,8 +392,8 @@ def _processor() -> str:
     return "\n".join(sorted({line for line in lines if line.startswith(fields)}))
 
 
-def _release_memory() -> None:
-    """Return the memory that the compiler has freed, about 0.5 GB, to the system.
+def release_memory() -> None:
+    """Return memory that compiler and readers have freed, up to 0.5 GB, to the system.
 
     The C library of most Linux systems keeps it unless ``malloc_trim`` is called.
     """

@@ -161,6 +161,7 @@ def run_estimator(
     ):
         signature = programs.signature(arguments)
         run = _compiled_run(programs.current_device(), estimator, *signature)
+        programs.release_memory()
     with phase("run", "estimating"):
         outputs = jax.tree.map(np.asarray, jax.block_until_ready(run(*arguments)))
     result = estimator.finish(inputs, outputs)
