@@ -112,7 +112,7 @@ def outlines(
     square = 0.97 - jnp.maximum(jnp.abs(x), jnp.abs(y))
     plain = jnp.where(draws.chance(0.6), square, 0.97 - radius)
 
-    polygon = square + 0.0 * rough
+    polygon = square
     for corner in range(6):
         turn = draws.uniform(corner, corner + 1.0) * (np.pi / 3.0)
         polygon = jnp.minimum(
