@@ -18,15 +18,6 @@ from scipy import ndimage
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, compared_pixels
 
-MAX_BUMPINESS = 0.05
-"""Upper limit of a pixel's bumpiness, pixels per view step; it limits the effect of outliers."""
-
-FINE_THRESHOLD = 0.15
-"""Error at fine structures, in pixels per view step, above which it is fattening or thinning."""
-
-DOT_THRESHOLD = 0.4
-"""Error, in pixels per view step, up to which a pixel of a dot counts as detected."""
-
 
 def bumpiness(
     estimate: np.ndarray,
@@ -38,8 +29,9 @@ def bumpiness(
     """Compute the roughness of the error: the mean, limited Frobenius norm of its Hessian.
 
     ``mean(min(0.05, |Hessian(estimate - ground_truth)|))`` with second differences of neighbouring
-    pixels. An offset and a tilt of the whole surface have no effect. The definition does not fix
-    the differences, so values are comparable only if the same program computed them.
+    pixels. An offset and a tilt of the whole surface have no effect. The limit bounds the effect of
+    outliers. The definition does not fix the differences, so values are comparable only if the
+    same program computed them.
 
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
@@ -63,14 +55,14 @@ def bumpiness(
     known = np.isfinite(_hessian_norm(np.where(np.isfinite(truth), truth, np.nan)))
     pixels = compared_pixels(estimate, np.where(known, truth, np.nan), border=border, mask=mask)
     roughness = _hessian_norm(_signed_errors(estimate, truth))
-    return float(np.mean(np.fmin(roughness, MAX_BUMPINESS)[pixels]))
+    return float(np.mean(np.fmin(roughness, 0.05)[pixels]))
 
 
 def fattening(
     estimate: np.ndarray,
     ground_truth: np.ndarray,
     *,
-    threshold: float = FINE_THRESHOLD,
+    threshold: float = 0.15,
     border: int = BORDER,
     mask: np.ndarray | None = None,
 ) -> float:
@@ -83,7 +75,9 @@ def fattening(
     Args:
         estimate: ``[H, W]`` estimated disparity, pixels per view step.
         ground_truth: ``[H, W]`` true disparity, pixels per view step.
-        threshold: Largest error that does not count, pixels per view step.
+        threshold: Largest error that does not count, pixels per view step; by default that of the
+            benchmark. It is twice that of BadPix: smaller errors are inaccuracies of the right
+            surface, larger ones those of a structure that is wider or thinner than it should be.
         border: Pixels left out on each side of the image.
         mask: ``[H, W]`` boolean, True around the fine structures; None for all pixels.
 
@@ -150,7 +144,7 @@ def missed_dots(
     ground_truth: np.ndarray,
     dots: np.ndarray,
     *,
-    threshold: float = DOT_THRESHOLD,
+    threshold: float = 0.4,
     border: int = BORDER,
 ) -> float:
     """Compute the percentage of dots of which more than half of the pixels are bad.
@@ -160,7 +154,8 @@ def missed_dots(
         ground_truth: ``[H, W]`` true disparity, pixels per view step.
         dots: ``[H, W]`` boolean, True on the dots. Pixels that touch, also at a corner, belong to
             the same dot.
-        threshold: Absolute error above which a pixel is bad, pixels per view step.
+        threshold: Absolute error above which a pixel is bad, pixels per view step; by default that
+            of the benchmark.
         border: Pixels left out on each side of the image.
 
     Returns:

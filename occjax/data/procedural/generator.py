@@ -18,9 +18,6 @@ from occjax.data.procedural.surfaces import first_hits
 from occjax.data.samples import LightFieldSample
 from occjax.lightfield import project
 
-VISIBILITY_TOLERANCE_PX = 2e-3
-"""A point is visible if its ray hits no surface that is nearer by more than this disparity."""
-
 
 @partial(jax.jit, static_argnames="config")
 def generate(key: Key, config: SceneConfig = SceneConfig()) -> LightFieldSample:
@@ -120,13 +117,16 @@ def view_visibility(
 ) -> Bool[Array, "h w"]:
     """Return whether a view sees what the centre view, of this disparity, sees at each pixel.
 
-    Points outside the view's image are not visible.
+    A point is visible if its ray hits no surface that is nearer by more than 0.002 pixels per view
+    step. Points outside the view's image are not visible.
     """
     h, w = disparity.shape
     y, x = project(*pixel_grid((h, w)), disparity, offset)
     inside = (jnp.abs(y) <= 0.5 * (h - 1)) & (jnp.abs(x) <= 0.5 * (w - 1))
     nearest = first_hits(scene.geometry, y, x, offset).disparity
-    return inside & (nearest <= disparity + VISIBILITY_TOLERANCE_PX)
+    # Rounding changes the disparity of a point by up to about 1e-4 from view to view, and a point
+    # must not hide itself. A larger tolerance misses occluders that are close to the point.
+    return inside & (nearest <= disparity + 2e-3)
 
 
 def pixel_grid(image_size: tuple[int, int]) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
