@@ -17,11 +17,8 @@ from jaxtyping import Array, Bool, Float
 from occjax.data.procedural.config import Outlines, Textures
 from occjax.data.procedural.draws import Draws, Key
 
-TEXTURE_SIZE = 256
-"""Rows and columns of a texture; a power of two."""
-
-OUTLINE_SIZE = 256
-"""Rows and columns of an outline."""
+SIZE = 256
+"""Rows and columns of textures and outlines; a power of two."""
 
 
 def textures(
@@ -34,7 +31,7 @@ def textures(
     first, second = noise(
         noise_key,
         count,
-        TEXTURE_SIZE,
+        SIZE,
         exponent,
         draws.angle(),
         stretch,
@@ -52,7 +49,7 @@ def textures(
 
     angle, period = draws.angle(), draws.log_uniform(5.0, 50.0)
     warp = draws.choose(0.5, draws.uniform(0.0, 0.5) ** 2)
-    down, across = jnp.meshgrid(*(jnp.arange(TEXTURE_SIZE, dtype=jnp.float32),) * 2, indexing="ij")
+    down, across = jnp.meshgrid(*(jnp.arange(SIZE, dtype=jnp.float32),) * 2, indexing="ij")
     down, across = down[None], across[None]
     x = (jnp.cos(angle) * across + jnp.sin(angle) * down) / period + warp * first
     y = (jnp.cos(angle) * down - jnp.sin(angle) * across) / period + warp * second
@@ -91,18 +88,18 @@ def outlines(
 ) -> Bool[Array, "count 256 256"]:
     """Draw outlines over the square [-1, 1]^2 of y and x, true inside."""
     if sum(dataclasses.astuple(kinds)) <= 0.0:
-        return jnp.zeros((count, OUTLINE_SIZE, OUTLINE_SIZE), bool)
+        return jnp.zeros((count, SIZE, SIZE), bool)
     draws = draws.with_shape((count, 1, 1))
-    axis = jnp.linspace(-1.0, 1.0, OUTLINE_SIZE)
+    axis = jnp.linspace(-1.0, 1.0, SIZE)
     y, x = (
-        jnp.broadcast_to(axis[None, :, None], (1, OUTLINE_SIZE, OUTLINE_SIZE)),
+        jnp.broadcast_to(axis[None, :, None], (1, SIZE, SIZE)),
         axis[None, None, :],
     )
     radius = jnp.hypot(x, y)
     rough, other = noise(
         noise_key,
         count,
-        OUTLINE_SIZE,
+        SIZE,
         draws.uniform(1.2, 2.2),
         draws.angle(),
         draws.log_uniform(1.0, 3.0),

@@ -96,13 +96,6 @@ class Shade(NamedTuple):
     reach: Float[Array, "2"]
 
 
-SHADE_MAP_SIZE_PX = 128
-"""Rows and columns of the shade maps."""
-
-SHADOW_EXPONENT = 24.0
-"""Exponent of the exponential shadow map at the highest disparity of the scene."""
-
-
 def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) -> Shade:
     """Render blurred disparity maps of low resolution, along the light and from the front.
 
@@ -112,12 +105,11 @@ def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) ->
     shadow maps, Annen et al., 2008).
     """
     reach = 0.5 * jnp.asarray(image_size, jnp.float32) + 32.0
-    axis = jnp.linspace(-1.0, 1.0, SHADE_MAP_SIZE_PX)
+    size = 128  # rows and columns of the maps
+    axis = jnp.linspace(-1.0, 1.0, size)
     y, x = jnp.meshgrid(axis * reach[0], axis * reach[1], indexing="ij")
-    pixel = 2.0 * jnp.max(reach) / (SHADE_MAP_SIZE_PX - 1)
-    lowest, highest = geometry.limits
-    along = first_hits(geometry, y, x, light.cast).disparity
-    exponent = SHADOW_EXPONENT * (along - lowest) / (highest - lowest)
+    pixel = 2.0 * jnp.max(reach) / (size - 1)
+    exponent = _shadow_exponent(geometry, first_hits(geometry, y, x, light.cast).disparity)
     front = first_hits(geometry, y, x, jnp.zeros(2)).disparity
     return Shade(_blur(jnp.exp(exponent), light.softness / pixel), _blur(front, 6.0 / pixel), reach)
 
@@ -169,8 +161,7 @@ def brightness(
     inverse = jax.lax.rsqrt(squared)
     lx, ly, lz = lx * inverse, ly * inverse, lz * inverse
     falloff = 2.0 / (1.0 + squared / light.reach**2)
-    lowest, highest = geometry.limits
-    received = SHADOW_EXPONENT * (d - lowest) / (highest - lowest)
+    received = _shadow_exponent(geometry, d)
     blocker = interpolate(
         shade.blocker,
         (py - light.cast[0] * d) / shade.reach[0],
@@ -202,6 +193,15 @@ def brightness(
         160.0 * (outward * nx - ex),
     )
     return diffuse + highlight + of(materials.mirror) * (1.0 + mirrored) * openness
+
+
+def _shadow_exponent(geometry: Geometry, disparity):
+    """Return the exponent of the shadow map: 24 at the highest disparity of the scene.
+
+    Larger exponents make shadows sharper at contacts, up to the overflow of single precision at 88.
+    """
+    lowest, highest = geometry.limits
+    return 24.0 * (disparity - lowest) / (highest - lowest)
 
 
 def _normals(geometry: Geometry, relief, px, py, d, offset, index):
