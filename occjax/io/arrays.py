@@ -21,12 +21,6 @@ from occjax.lightfield import LightField
 OPTIONAL_FIELDS = ("ground_truth", "disparity_range", "positions", "usable")
 """Fields of a light field that an ``.npz`` may contain in addition to ``views``."""
 
-MAX_HEADER_BYTES = 2**14
-"""Number of bytes in which the header of an ``.npy`` file must end."""
-
-MAX_POSITION = 1e15
-"""Magnitude from which a camera position cannot be a length in any unit."""
-
 
 def read_arrays(
     path: str | Path, *, key: str | None = None, grid: tuple[int, int] | None = None
@@ -180,7 +174,7 @@ def load_fields(
 def _claimed_bytes(file: Any) -> int:
     """Return the number of bytes that the header of an ``.npy`` file claims; rewind the file."""
     file.seek(0)
-    start = io.BytesIO(file.read(MAX_HEADER_BYTES))
+    start = io.BytesIO(file.read(2**14))  # the header must end there
     file.seek(0)
     if np.lib.format.read_magic(start) == (1, 0):
         shape, _, dtype = np.lib.format.read_array_header_1_0(start)
@@ -301,7 +295,8 @@ def check_positions(path: Path, positions: np.ndarray, grid: tuple[int, ...]) ->
             f"{rows * columns} views; write one position (row, column) for each, also for missing "
             "ones, in the order of the views"
         )
-    wrong = np.argwhere(~(np.abs(positions) < MAX_POSITION).all(-1))
+    # A larger number is not a length in any unit.
+    wrong = np.argwhere(~(np.abs(positions) < 1e15).all(-1))
     if wrong.size:
         row, column = wrong[0]
         raise InputError(

@@ -23,10 +23,6 @@ from pathlib import Path
 
 from occjax.errors import InputError
 
-MAX_WRITING_SECONDS = 24 * 3600.0
-"""Age above which a temporary file of another machine counts as left by a killed process."""
-
-
 TEMPORARY_NAME = re.compile(
     r"\..+\.(?P<machine>[0-9a-f]{8})-(?P<pid>\d{1,9})-[0-9a-f]{8}(\.[^.]*)?", re.DOTALL
 )
@@ -176,7 +172,7 @@ def remove_remains(folder: str | Path) -> list[Path]:
     """Remove temporary files and folders that killed processes have left in a folder.
 
     Those of a running process are kept. Whether a process of another machine still runs cannot be
-    known, so what it made is removed only if it is older than :data:`MAX_WRITING_SECONDS`.
+    known, so what it made is removed only if it is older than a day.
 
     Args:
         folder: Folder in which files or folders were written; it may be missing. Folders in it are
@@ -207,7 +203,7 @@ def remove_remains(folder: str | Path) -> list[Path]:
 def _is_abandoned(entry: os.DirEntry, machine: str, pid: int) -> bool:
     """Return whether the process that made a temporary file has ended."""
     if machine != _machine():
-        return time.time() - entry.stat(follow_symlinks=False).st_mtime > MAX_WRITING_SECONDS
+        return time.time() - entry.stat(follow_symlinks=False).st_mtime > 24 * 3600.0
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -17,10 +17,6 @@ PARAMETERS = "parameters.cfg"
 GROUND_TRUTH = "gt_disp_lowres.pfm"
 """Name of the file with the true disparity of the centre view, in pixels per view step."""
 
-MAX_CONFIG_BYTES = 2**13
-"""Largest size of the file. Those of the benchmark have 1 kB, and the time of the parser grows with
-the square of the length of a line."""
-
 
 @dataclass(frozen=True)
 class HciConfig:
@@ -97,7 +93,9 @@ class _Fields:
         self.path = path
         self.parser = configparser.ConfigParser(interpolation=None)
         what, remedy = "a configuration file", "copy it again or remove it"
-        with decoding(path, what, remedy=remedy, max_bytes=MAX_CONFIG_BYTES) as file:
+        # Files of the benchmark have 1 kB. The time of the parser grows with the square of the
+        # length of a line.
+        with decoding(path, what, remedy=remedy, max_bytes=2**13) as file:
             self.parser.read_string(file.read().decode("utf-8-sig"))
 
     def number(self, section: str, field: str) -> float | None:

@@ -14,12 +14,6 @@ from occjax.io.limits import ReadLimits
 HDR_SUFFIXES = (".exr", ".hdr")
 """Suffixes of images of high dynamic range, in lower case."""
 
-MAX_CODE = 2**16 - 1
-"""Largest value of images of integers, which some programs store as floating point."""
-
-MU = 5000.0
-"""Compression of the mu-law, as in Kalantari and Ramamoorthi (2017), equation 5."""
-
 
 def read_exr(path: Path, file_bytes: int) -> np.ndarray:
     """Read the first part of an OpenEXR file.
@@ -90,7 +84,8 @@ def tone_mapped(
     low, high = float(views.min()), float(views.max())
     if low >= 0.0 and high <= 1.0:
         return views
-    if low >= 0.0 and high <= MAX_CODE and np.array_equal(views, np.rint(views)):
+    # Some programs store images of integers as floating point.
+    if low >= 0.0 and high < 2**16 and np.array_equal(views, np.rint(views)):
         bits = 8 if high < 2**8 else 16
         warnings.warn(
             f"{path}: pixels are whole numbers up to {high:g} in floating point, read as {bits} "
@@ -107,4 +102,5 @@ def tone_mapped(
         stacklevel=2,
     )
     unit = np.clip(views / np.float32(white), 0.0, 1.0)
-    return (np.log1p(MU * unit) / np.log1p(MU)).astype(np.float32)
+    mu = 5000.0  # compression, as in Kalantari and Ramamoorthi (2017), equation 5
+    return (np.log1p(mu * unit) / np.log1p(mu)).astype(np.float32)

@@ -37,14 +37,9 @@ PLENOPTIC_REMEDY = (
 )
 """End of the message on such a file: what to do with it."""
 
-_TIFF_BLACK, _TIFF_RGB = 1, 2  # values of the tag PhotometricInterpretation
 _PNG_CHANNELS = {2: 3, 4: 2, 6: 4}  # by the colour type in the header; others have one
-_TIFF_JPEG = 7  # value of the tag Compression
 
 _PILLOW_FORMATS = ("PNG", "JPEG", "TIFF", "BMP")  # others can start programs, such as EPS
-
-MAX_RADIANCE_HEADER = 4096
-"""Number of bytes of a Radiance file in which its size must be stated."""
 
 _PILLOW_LIMIT = threading.Lock()
 """Held while Pillow's limit on the number of pixels, a global variable, is lifted."""
@@ -96,7 +91,8 @@ def _decode(path: Path, data: bytes) -> np.ndarray:
         limits.check_image(path, (height, width), pixel_bytes=pixel_bytes, file_bytes=len(data))
         return imagecodecs.png_decode(data)  # Pillow reads 16-bit colour as 8 bits
     if data.startswith((b"#?RADIANCE", b"#?RGBE")):
-        sizes = re.search(rb"\n[-+]Y (\d{1,9}) [-+]X (\d{1,9})\n", data[:MAX_RADIANCE_HEADER])
+        header = data[:4096]  # must state the size
+        sizes = re.search(rb"\n[-+]Y (\d{1,9}) [-+]X (\d{1,9})\n", header)
         if sizes is None:
             raise ValueError("it has no size")
         limits.check_image(
@@ -112,8 +108,8 @@ def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
     """Decode a TIFF file with tifffile; palettes, JPEG and other colour spaces with Pillow."""
     with tifffile.TiffFile(io.BytesIO(data)) as file:
         page = file.pages.first
-        plain = page.photometric in (_TIFF_BLACK, _TIFF_RGB)
-        if plain and page.compression != _TIFF_JPEG:
+        plain = page.photometric in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
+        if plain and page.compression != tifffile.COMPRESSION.JPEG:
             size = (page.imagelength, page.imagewidth)
             values = page.samplesperpixel * page.imagedepth
             pixel_bytes = values * (page.dtype.itemsize if page.dtype else 1)

@@ -17,9 +17,6 @@ import numpy as np
 from occjax.io.arrays import check_ground_truth
 from occjax.lightfield import Calibration, centre_index
 
-MAX_DEPTH_M = 1e9
-"""Depth in metres from which a value marks a pixel without depth; Blender writes 1e10 there."""
-
 
 def old_hci_camera(
     attributes: Mapping[str, Any], size: tuple[int, ...]
@@ -74,11 +71,12 @@ def old_hci_disparity(
         shape: ``(V, U, H, W)`` of the views.
 
     Returns:
-        ``[H, W]`` float32, NaN where the depth is not a positive number below :data:`MAX_DEPTH_M`.
+        ``[H, W]`` float32, NaN where the depth is not positive or marks a pixel without depth.
     """
     if depth.shape == tuple(shape):
         depth = depth[centre_index(shape[:2])]
-    depth = np.where((depth > 0.0) & (depth < MAX_DEPTH_M), depth, np.nan).astype(np.float64)
+    # Blender writes 1e10 m at pixels without depth.
+    depth = np.where((depth > 0.0) & (depth < 1e9), depth, np.nan).astype(np.float64)
     with np.errstate(over="ignore"):  # a depth of almost zero has an infinite disparity
         disparity = calibration.disparity(depth, (shape[2], shape[3]))
     return check_ground_truth(path, disparity, shape[2:])

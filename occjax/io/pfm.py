@@ -19,12 +19,6 @@ from occjax.io.atomic import atomic_path
 from occjax.io.config import ReadingConfig
 from occjax.io.files import decoding
 
-MAX_HEADER_BYTES = 2**14
-"""Number of bytes in which the header, with its comments, must end."""
-
-MAX_WORD_LENGTH = 32
-"""Largest number of characters of width, height and scale; those of real files are shorter."""
-
 
 def read_pfm(path: str | Path) -> np.ndarray:
     r"""Read a PFM file.
@@ -113,7 +107,7 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
     # The header ends with the line of its fourth word. Pixel bytes may look like white space, so
     # the header is split into lines first.
     while len(words) < 4:
-        end = data.find(b"\n", start, MAX_HEADER_BYTES) + 1
+        end = data.find(b"\n", start, 2**14) + 1  # the header must end there
         if end == 0:
             raise InputError(f"{path}: the PFM header is incomplete; copy the file again")
         words += data[start:end].split(b"#")[0].decode("ascii", errors="replace").split()
@@ -124,7 +118,7 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
         width, height, scale = int(columns), int(rows), float(factor)
     except (KeyError, ValueError):
         channels, width, height, scale = 0, 0, 0, 0.0
-    too_long = max(map(len, words)) > MAX_WORD_LENGTH
+    too_long = max(map(len, words)) > 32  # numbers of real files are shorter
     if too_long or width < 1 or height < 1 or scale == 0.0 or not math.isfinite(scale):
         raise InputError(
             f"{path}: the PFM header is {' '.join(words)[:40]!r}; it must be PF or Pf, width, "

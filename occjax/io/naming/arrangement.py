@@ -18,9 +18,6 @@ from occjax.io.config import ReadingConfig
 from occjax.io.limits import ReadLimits
 from occjax.io.naming.patterns import NAMES, index_value, renamed
 
-BENCHMARK_VIEWS = 81
-"""Number of views of the benchmarks, which is taken as a 9x9 grid without a warning."""
-
 
 class GridWarning(UserWarning):
     """The grid of views was guessed from their number or their names, or views are missing."""
@@ -104,7 +101,8 @@ def arrange_by_number(
     ]
     if fits and (grid or consecutive or (has_gaps and not symmetric)):
         rows, columns = grid or (math.isqrt(present),) * 2
-        certain = grid is not None or (consecutive and present in (1, BENCHMARK_VIEWS))
+        # The benchmarks have 9x9 views.
+        certain = grid is not None or (consecutive and present in (1, 81))
         gaps = "" if consecutive else " in the order of their numbers, which have gaps"
         ordered = enumerate(by_number[number] for number in numbers)
         return NamedViews(
