@@ -26,6 +26,7 @@ class ViewerConfig:
         min_preview_views: Smallest number of views that are averaged while a slider moves.
         rest_seconds: Time after which a slider counts as at rest; then all views are averaged.
         blink_seconds: Time for which each result is shown while the results blink.
+        jpeg_quality: JPEG quality of the views and the refocused images, 0 to 100.
     """
 
     max_points: int = 600_000
@@ -38,3 +39,4 @@ class ViewerConfig:
     min_preview_views: int = 4
     rest_seconds: float = 0.25
     blink_seconds: float = 0.7
+    jpeg_quality: int = 90

@@ -18,9 +18,6 @@ OCCLUDED = (235, 60, 40)
 CENTRE = (242, 182, 50)
 """Colour of the frame around the centre view."""
 
-OUTSIDE = 0.35
-"""Grey level of what lies outside the image, and of views that are missing."""
-
 
 def css(colour: tuple[int, int, int]) -> str:
     """Return a colour as a web page writes it.
@@ -165,5 +162,5 @@ def patch_picture(patch: np.ndarray, occluded: np.ndarray, *, width: int = 234) 
 
 
 def _with_grey(pixels: np.ndarray) -> np.ndarray:
-    """Return the picture of pixels, of which those that are NaN are grey."""
-    return view_picture(np.where(np.isnan(pixels), OUTSIDE, pixels))
+    """Return the picture of pixels; NaN, outside the image or in missing views, is grey."""
+    return view_picture(np.where(np.isnan(pixels), 0.35, pixels))

@@ -39,8 +39,6 @@ from occjax.viewer.scene import ViewedResult, ViewedScene
 from occjax.viewer.worker import LatestWorker
 from occjax.viz.pictures import view_picture
 
-JPEG_QUALITY = 90
-
 
 @dataclass
 class Selected:
@@ -284,7 +282,9 @@ class ViewPanel:
             hint="0 is the leftmost camera.",
             disabled=columns == 1,
         )
-        self._picture = gui.add_image(self._drawn(), format="jpeg", jpeg_quality=JPEG_QUALITY)
+        self._picture = gui.add_image(
+            self._drawn(), format="jpeg", jpeg_quality=page.config.jpeg_quality
+        )
         page.when_changed((self.v, self.u), "view", self.show_pixel)
 
     def show_result(self) -> None:
@@ -346,7 +346,7 @@ class RefocusPanel:
         self._picture = gui.add_image(
             enlarged(view_picture(page.scene.light_field.centre)),
             format="jpeg",
-            jpeg_quality=JPEG_QUALITY,
+            jpeg_quality=page.config.jpeg_quality,
         )
         self.frames = 0
         page.when_changed((self.disparity, self.aperture), "refocus", self.show)

@@ -18,19 +18,11 @@ from matplotlib.figure import Figure
 
 from occjax.io.atomic import atomic_path
 
-DOTS_PER_INCH = 100
-
 MARGIN = 14
 TITLE_HEIGHT = 30
 BAR_WIDTH = 16
 BAR_TEXT = 74
 """Lengths in pixels: outer margin, title line, width of a colour bar and of its labels."""
-
-MIN_BAR_LENGTH = 310
-"""Shortest length of a colour bar, in pixels, that leaves room for its label."""
-
-MIN_TITLE_WIDTH = 500
-"""Smallest width of a figure, in pixels, that leaves room for its title."""
 
 TEXT = "#222222"
 
@@ -44,11 +36,7 @@ class Canvas:
 
     def __init__(self, width: int, height: int) -> None:
         self.size = (width, height)
-        self.figure = Figure(
-            figsize=(width / DOTS_PER_INCH, height / DOTS_PER_INCH),
-            dpi=DOTS_PER_INCH,
-            facecolor="white",
-        )
+        self.figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
         FigureCanvasAgg(self.figure)
 
     def axes(
@@ -147,15 +135,16 @@ def map_canvas(
     zoom = zoom or whole_zoom((height, width))
     height, width = height * zoom, width * zoom
     left, top = MARGIN, MARGIN + TITLE_HEIGHT
+    min_width, min_bar = 500, 310  # room for the title, and for the label of the bar
     if width >= 2 * height:
-        length = max(width, MIN_BAR_LENGTH)
-        canvas = Canvas(max(length, MIN_TITLE_WIDTH) + 2 * MARGIN, top + height + 72 + MARGIN)
+        length = max(width, min_bar)
+        canvas = Canvas(max(length, min_width) + 2 * MARGIN, top + height + 72 + MARGIN)
         # The label of the lowest value is centred below the left end.
         bar = (left + 8, top + height + 12, length - 16, BAR_WIDTH)
     else:
-        length = max(height, MIN_BAR_LENGTH)
+        length = max(height, min_bar)
         canvas = Canvas(
-            max(left + width + 12 + BAR_WIDTH + BAR_TEXT, MIN_TITLE_WIDTH), top + length + MARGIN
+            max(left + width + 12 + BAR_WIDTH + BAR_TEXT, min_width), top + length + MARGIN
         )
         bar = (left + width + 12, top, BAR_WIDTH, length)
     canvas.title(title, left)

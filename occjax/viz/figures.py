@@ -32,12 +32,6 @@ ERROR_LABEL = "estimate - ground truth [pixels per view step]"
 CENTRE_VIEW = "#f2b632"
 """Colour of the frame around the centre view."""
 
-MAX_MOSAIC_PX = 1300
-"""Longest side of the mosaic of occlusion maps, in pixels."""
-
-MAX_PANEL_PX = 600
-"""Longest side of one image of a comparison, in pixels."""
-
 
 def disparity_figure(
     disparity: np.ndarray,
@@ -151,9 +145,9 @@ def occlusion_figure(
         'occlusion (1: occluded)'
     """
     rows, columns, height, width = occlusion.shape
-    gap = 3
-    small = _shrink(occlusion, -(-max(rows * height, columns * width) // MAX_MOSAIC_PX))
-    zoom = whole_zoom((rows * small.shape[2], columns * small.shape[3]), MAX_MOSAIC_PX // 2)
+    gap, longest = 3, 1300  # pixels between the maps, and of the longer side of the mosaic
+    small = _shrink(occlusion, -(-max(rows * height, columns * width) // longest))
+    zoom = whole_zoom((rows * small.shape[2], columns * small.shape[3]), longest // 2)
     norm, colours = _occlusion_limits(small), occlusion_colours()
     tiles = small.repeat(zoom, -2).repeat(zoom, -1)
     tiles = colours(norm(np.ma.masked_invalid(tiles)))[..., :3]
@@ -214,7 +208,7 @@ def comparison_figure(
     """
     norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
     extend = colourbar_extend(norm, disparity)
-    step = -(-max(disparity.shape) // MAX_PANEL_PX)
+    step = -(-max(disparity.shape) // 600)
     centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)
     # Disparities are subsampled, since an average across an edge lies on neither side of it.
     disparity = disparity[::step, ::step]
