@@ -33,9 +33,6 @@ from occjax.io.atomic import CannotWriteError
 FAILURES = (InputError, MemoryError, OSError, ValueError, RuntimeError)
 """Errors of one scene, which do not stop the others."""
 
-MAX_SECONDS_TO_FINISH_WRITING = 5.0
-"""Time for the scenes that are being written when the command is interrupted."""
-
 _Loaded = TypeVar("_Loaded")
 _Result = TypeVar("_Result")
 
@@ -168,9 +165,12 @@ class Pipelines(Generic[_Loaded, _Result]):
         self._progress.update()
 
     def _abandon(self, code: int) -> NoReturn:
-        """End the process without waiting for what JAX compiles or runs."""
+        """End the process without waiting for what JAX compiles or runs.
+
+        Scenes that are being written have five seconds to finish.
+        """
         self._stopped.set()
-        wait(list(self._writing.values()), timeout=MAX_SECONDS_TO_FINISH_WRITING)
+        wait(list(self._writing.values()), timeout=5.0)
         self._progress.close()
         with suppress(OSError):
             print(

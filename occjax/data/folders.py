@@ -24,9 +24,6 @@ from occjax.data.sources import (
 )
 from occjax.errors import InputError
 
-MAX_PATCHES = 2**40
-"""Length of the grain data set, which must be finite: more patches than any training draws."""
-
 
 def folder_source(
     scenes: Sequence[Scene],
@@ -88,7 +85,8 @@ def grain_batches(
         raise InputError("data from folders needs grain; pip install 'occjax[train]'") from error
     if not 0 <= seed < 2**32:
         raise InputError(f"seed is {seed}; it must be between 0 and 2^32 - 1")
-    samples = grain.MapDataset.range(MAX_PATCHES)
+    max_patches = 2**40  # grain needs a length: more patches than any training draws
+    samples = grain.MapDataset.range(max_patches)
     drawn = samples.random_map(lambda _, generator: draw(generator), seed=seed)
 
     def batch(step: int, rows: slice) -> LightFieldSample:
@@ -97,7 +95,7 @@ def grain_batches(
 
     if threads == 0:
         return batch
-    steps = grain.MapDataset.range(MAX_PATCHES // batch_size)
+    steps = grain.MapDataset.range(max_patches // batch_size)
     options = grain.ReadOptions(num_threads=threads, prefetch_buffer_size=2 * threads)
     iterator: Iterator[LightFieldSample] = iter(())
     following, lock = (-1, ALL_ROWS), Lock()

@@ -17,9 +17,6 @@ from occjax.evaluation.metrics import BORDER, compared_pixels
 from occjax.lightfield import Calibration
 from occjax.ops.geometry import back_project, depth_from_disparity, in_double, surface_normals
 
-MISSING_NORMAL_DEGREES = 90.0
-"""Error, in degrees, of a pixel without an estimated normal."""
-
 
 def angular_errors(
     estimate: np.ndarray,
@@ -72,7 +69,7 @@ def angular_errors(
     # The arc cosine of the scalar product would round small angles to zero.
     sine = np.linalg.norm(np.cross(estimated, true), axis=-1)
     angles = np.degrees(np.arctan2(sine, np.sum(estimated * true, axis=-1)))
-    return np.where(np.isnan(angles), MISSING_NORMAL_DEGREES, angles)
+    return np.where(np.isnan(angles), 90.0, angles)
 
 
 def _normals(disparity: jax.Array, calibration: Calibration) -> jax.Array:

@@ -30,9 +30,6 @@ from occjax.kernels.reductions import accumulation_dtype
 MIN_FILTERED_CHANNELS = 16
 """Smallest number of channels for which minimal filtering is faster than a direct convolution."""
 
-CHANNEL_ALIGNMENT = 8
-"""A GPU's matrix units process multiples of this number of channels without a copy."""
-
 
 def convolve_volume(
     volume: Float[Array, "d h w c"], kernel: Float[Array, "3 3 3 c k"]
@@ -63,7 +60,8 @@ def _at_once(
     """Convolve with all planes of the kernel in one convolution; with XLA's derivatives."""
     d, h, w, c = volume.shape
     k = kernel.shape[-1]
-    input_padding, result_padding = -c % CHANNEL_ALIGNMENT, -3 * k % CHANNEL_ALIGNMENT
+    # A GPU's matrix units process multiples of 8 channels without a copy.
+    input_padding, result_padding = -c % 8, -3 * k % 8
     volume = jnp.pad(volume, ((0, 0), (0, 0), (0, 0), (0, input_padding)))
     kernel = kernel.transpose(1, 2, 3, 0, 4).reshape(3, 3, c, 3 * k)
     kernel = jnp.pad(kernel, ((0, 0), (0, 0), (0, input_padding), (0, result_padding)))

@@ -31,9 +31,6 @@ from occjax.layout.orientation import Orientation
 from occjax.lightfield import LightField, centre_index
 from occjax.programs import kept
 
-CANDIDATES_PER_CALL = 13
-"""Number of candidates in one call, the same for all disparity ranges: one program serves all."""
-
 
 @dataclass(frozen=True)
 class Arm:
@@ -272,13 +269,14 @@ def _start_comparison(
     """Start the comparison of images with the centre view at all candidates.
 
     Returns:
-        ``[CANDIDATES_PER_CALL, h, w]`` parts of the cost volume; the last candidate is repeated to
-        fill the last part.
+        ``[13, h, w]`` parts of the cost volume; the last candidate is repeated to fill the last
+        part. One program serves all disparity ranges, because the size of a part is fixed.
     """
-    padded = np.pad(candidates, (0, -len(candidates) % CANDIDATES_PER_CALL), mode="edge")
+    part_size = 13
+    padded = np.pad(candidates, (0, -len(candidates) % part_size), mode="edge")
     return [
         _arm_volume(centre, images, offsets, np.float32(part), radius=radius)
-        for part in padded.reshape(-1, CANDIDATES_PER_CALL)
+        for part in padded.reshape(-1, part_size)
     ]
 
 

@@ -17,10 +17,6 @@ from occjax.layout.consistency import CostVolumes
 from occjax.layout.filters import box_mean
 from occjax.layout.orientation import Orientation
 
-NOISE_SPREAD = 0.75
-"""Standard deviation of the absolute value of Gaussian noise, relative to its mean: nearly
-``sqrt(pi / 2 - 1)``."""
-
 
 @dataclass(frozen=True)
 class DisparityMeasurement:
@@ -48,7 +44,8 @@ def measure_disparity(volumes: CostVolumes, orientation: Orientation) -> Dispari
     """Measure the disparity of each pixel and the range of the reliable disparities.
 
     The lowest cost of a pixel is the mean of ``n`` absolute grey differences. If all of them were
-    noise of mean ``m``, costs would vary by ``0.75 m / sqrt(n)``.
+    noise of mean ``m``, costs would vary by ``0.75 m / sqrt(n)``: the standard deviation of the
+    absolute value of Gaussian noise is ``sqrt(pi / 2 - 1)`` of its mean.
 
     Args:
         volumes: Cost volumes of all view orders.
@@ -66,7 +63,7 @@ def measure_disparity(volumes: CostVolumes, orientation: Orientation) -> Dispari
         disparity = candidates[costs.argmin(0)].astype(np.float32)
         lowest, mean = costs.min(0), costs.mean(0)
         pixels = max(2 * radius + 1, volumes.window) ** 2
-        deviation = NOISE_SPREAD * noise / np.sqrt(pixels * volumes.images)
+        deviation = 0.75 * noise / np.sqrt(pixels * volumes.images)
         significant = mean - lowest > config.significance * max(deviation, config.noise_floor)
         clear = (lowest < config.clear_minimum * mean) & (mean > 4 * config.noise_floor)
         smooth = np.abs(disparity - box_mean(disparity, 1)) <= volumes.step

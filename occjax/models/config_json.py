@@ -20,9 +20,6 @@ _KINDS: dict[str, Callable[..., Any]] = {
     if dataclasses.is_dataclass(kind) and isinstance(kind, type)
 }
 
-MAX_NUMBER = 10_000
-"""Magnitude that no number of a configuration exceeds."""
-
 LEGACY_PARAMETERS = {"params/sectors/choice/": "params/selector/"}
 """Prefixes of the names of variables in files of earlier versions, and their present form."""
 
@@ -65,8 +62,8 @@ def config_from_json(text: str) -> ModelConfig:
                     item, types[key], collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS
                 )
             return kind(**fields)
-        if isinstance(value, int | float) and not abs(value) <= MAX_NUMBER:
-            raise ValueError(f"{value:.6g} is beyond {MAX_NUMBER}")
+        if isinstance(value, int | float) and not abs(value) <= 10_000:
+            raise ValueError(f"{value:.6g} is beyond 10000")
         return tuple(decode(item) for item in value) if isinstance(value, list) else value
 
     try:

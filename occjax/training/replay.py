@@ -22,12 +22,11 @@ from occjax.training.step import Batch, TrainState, init_state, train_step
 NONFINITE = "nonfinite"
 """Folder of the steps, in the training folder."""
 
-MAX_KEPT = 2
-"""Number of steps of which batch and state are kept: the latest ones."""
-
 
 def keep_step(folder: Path, step: int, state: TrainState, batch: Batch) -> None:
     """Store a step, in a folder of its number; all processes call this together.
+
+    Only the latest two steps are kept.
 
     Args:
         folder: Training folder.
@@ -43,7 +42,7 @@ def keep_step(folder: Path, step: int, state: TrainState, batch: Batch) -> None:
         stored = {"state": state, "batch": batch}
         checkpointer.save((folder / str(step)).absolute(), stored, force=True)
     if is_first_process():
-        for number in sorted(kept_steps(folder))[:-MAX_KEPT]:
+        for number in sorted(kept_steps(folder))[:-2]:
             shutil.rmtree(folder / str(number), ignore_errors=True)
 
 

@@ -36,12 +36,6 @@ from occjax.ops import (
     refined_volume,
 )
 
-MAX_STRIP_PIXELS_CPU = 3 * 2**14
-"""Largest number of pixels of a strip with its halo: ``occcasnet`` then needs less than 4 GB."""
-
-MAX_STRIP_BYTES_GPU = 2**18
-"""Largest size of one channel of a strip on a GPU, in bytes."""
-
 
 def predict(
     variables: dict,
@@ -128,8 +122,8 @@ def predict(
 def rows_of_strip(height: int, width: int, halo: int, dtype: DTypeLike = jnp.float32) -> int:
     """Return the number of rows of a strip: strips have equal heights and none is too large.
 
-    The limit is MAX_STRIP_PIXELS_CPU, or MAX_STRIP_BYTES_GPU divided by the bytes of a number if
-    JAX's default device is not a CPU.
+    A strip with its halo has at most 49,152 pixels if JAX's default device is a CPU, with which
+    ``occcasnet`` needs less than 4 GB; else one channel of it has at most 256 KiB.
 
     Args:
         height: Height of the centre view, in pixels.
@@ -140,8 +134,8 @@ def rows_of_strip(height: int, width: int, halo: int, dtype: DTypeLike = jnp.flo
     Returns:
         The height if one strip suffices; at least 1.
     """
-    max_pixels_gpu = MAX_STRIP_BYTES_GPU // jnp.dtype(dtype).itemsize
-    max_rows = (MAX_STRIP_PIXELS_CPU if _is_on_cpu() else max_pixels_gpu) // width
+    max_pixels = 3 * 2**14 if _is_on_cpu() else 2**18 // jnp.dtype(dtype).itemsize
+    max_rows = max_pixels // width
     if height <= max_rows:
         return height
     strips = math.ceil(height / max(1, max_rows - 2 * halo))

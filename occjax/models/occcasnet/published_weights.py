@@ -39,7 +39,6 @@ LICENCE_NOTICE = (
 
 FILE_NAME = "occcasnet_published.hdf5"
 TIMEOUT_SECONDS = 30.0
-CHUNK_BYTES = 2**16
 
 
 def fetch_published_weights(
@@ -108,7 +107,7 @@ def _download(url: str, progress: bool) -> bytes:
             length = int(response.headers["Content-Length"] or 0)
             unit = {"unit": "B", "unit_scale": True}
             with tqdm(total=length, desc=FILE_NAME, disable=not progress, **unit) as bar:
-                while chunk := response.read(CHUNK_BYTES):
+                while chunk := response.read(2**16):
                     content += chunk
                     bar.update(len(chunk))
     except urllib.error.HTTPError as error:

@@ -20,9 +20,6 @@ from occjax.ops.sampling import as_coordinates, as_offsets
 SECTORS = 8
 """Number of sectors of the aperture, 45 degrees each."""
 
-NEAREST_VIEWS = 4
-"""Number of nearest views: those above, below, left and right of the centre view in a grid."""
-
 
 class OtherViews(NamedTuple):
     """All views but the centre view.
@@ -109,6 +106,7 @@ def nearest_views(others: OtherViews) -> tuple[Int[Array, " k"], Float[Array, "k
         [1, 3, 5, 7]
     """
     distance = jnp.where(others.present, jnp.square(others.offset).sum(-1), jnp.inf)
-    order = jnp.argsort(distance)[:NEAREST_VIEWS]
+    # In a grid those above, below, left and right of the centre view.
+    order = jnp.argsort(distance)[:4]
     order = jnp.where(distance[order] <= 1.5 * distance[order[0]], order, order[0])
     return others.indices[order], others.offset[order]
