@@ -116,6 +116,11 @@ class CloudPanel:
         radius = 0.01 * max(scene.image_size) * self._point_size / step
         self._marker = page.server.scene.add_icosphere("/picked", radius=radius, color=MARK)
         self._set_first_camera()
+        # A browser may already be connected, so callbacks come when there is something to change.
+        page.when_changed((self.mode,), "colours", self.show_colours)
+        page.when_changed((self.threshold, self.hide_flying), "points", self.show_points)
+        page.when_changed((self.size,), "size", self._show_size)
+        self.look.on_click(lambda event: self._look(event.client))
 
     def _add_controls(self) -> None:
         gui, scene = self.page.server.gui, self.page.scene
@@ -152,10 +157,6 @@ class CloudPanel:
                 icon=viser.Icon.CAMERA,
                 hint=f"Turn back to where the {scene.view_name} was taken.",
             )
-        self.page.when_changed((self.mode,), "colours", self.show_colours)
-        self.page.when_changed((self.threshold, self.hide_flying), "points", self.show_points)
-        self.page.when_changed((self.size,), "size", self._show_size)
-        self.look.on_click(lambda event: self._look(event.client))
 
     def visible(self, index: int) -> np.ndarray:
         """Return ``[h, w]`` which of the sampled points of a result are shown."""
