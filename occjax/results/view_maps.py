@@ -55,7 +55,8 @@ def fused_points(
     before it has a point there, or in the cell in front or behind.
 
     Returns:
-        ``[N, 3]`` float64 points ``(y, x, d)`` and ``[N, 3]`` uint8 colours.
+        ``[N, 3]`` float64 points ``(y, x, d)`` and ``[N, 3]`` uint8 colours; N is 0 if no map has a
+        finite disparity.
 
     Example:
         >>> from occjax.lightfield import view_offsets
@@ -67,6 +68,8 @@ def fused_points(
         ((20, 3), (20, 3))
     """
     known = np.isfinite(maps.disparity)
+    if not known.any():
+        return np.empty((0, 3)), np.empty((0, 3), np.uint8)
     low, high = float(maps.disparity[known].min()), float(maps.disparity[known].max())
     steps = int((high - low) / maps.tolerance) + 4
     needed = min(config.min_agreeing, int(maps.agreeing.max()))

@@ -5,7 +5,7 @@ import numpy as np
 from occjax.estimators import ViewMaps
 from occjax.lightfield import Calibration, LightField, project, view_offsets
 from occjax.results.conversion import Map, point_cloud, points_at
-from occjax.results.view_maps import fused_points
+from occjax.results.view_maps import fused_points, write_view_maps
 from tests.scenes import two_plane_maps
 
 
@@ -30,6 +30,17 @@ def test_the_cloud_has_each_confirmed_point_once_and_no_outlier():
     found = {tuple(point): colour[0] for point, colour in zip(points, colours, strict=True)}
     assert len(points) == len(found)
     assert found == expected
+
+
+def test_maps_without_any_disparity_give_an_empty_cloud(tmp_path):
+    shape = (1, 3, 4, 5)
+    nothing, none = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)
+    maps = ViewMaps(nothing, none, none, none.astype(int), none > 0, view_offsets(1, 3), 0.1)
+    light_field = LightField(np.zeros(shape, np.uint8))
+    points, colours = fused_points(maps, light_field)
+    assert points.shape == colours.shape == (0, 3)
+    write_view_maps(maps, light_field, tmp_path)
+    assert b"element vertex 0\n" in (tmp_path / "views.ply").read_bytes()
 
 
 def test_points_of_whole_pixels_are_those_of_the_map(tolerance):
