@@ -313,6 +313,14 @@ class ProposalNetConfig:
     reach: float = 4.0
     max_candidates: int = 1024
 
+    def __post_init__(self) -> None:
+        """Check that the selector gets the search at its own resolution."""
+        if self.selector is not None and self.search.downsampling != 2:
+            raise ValueError(
+                "the selector works at half resolution and needs search.downsampling=2, not "
+                f"{self.search.downsampling}; set selector=None to search at full resolution"
+            )
+
     @property
     def size_multiple(self) -> int:
         """Number of pixels that height and width are padded to a multiple of."""

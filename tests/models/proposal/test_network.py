@@ -174,6 +174,13 @@ def test_search_at_a_quarter_of_the_resolution_is_refused():
         SearchConfig(downsampling=4)
 
 
+def test_selector_with_a_search_at_full_resolution_is_refused():
+    full = SearchConfig(downsampling=1)
+    assert dataclasses.replace(NO_SELECTOR, search=full).size_multiple == 1
+    with pytest.raises(ValueError, match=r"selector .* needs search.downsampling=2, not 1"):
+        dataclasses.replace(CONFIG, search=full)
+
+
 @pytest.mark.slow
 def test_network_stays_within_its_memory():
     """By XLA's analysis; a process may peak at 1.5 GB with the rest of its memory."""
