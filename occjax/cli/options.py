@@ -110,7 +110,9 @@ class ViewOrderOptions:
     @property
     def in_subfolders(self) -> bool:
         """Whether the views of a scene are in sub-folders of its folder."""
-        return "/" in (self.pattern or "")
+        from occjax.io.naming.patterns import is_in_subfolders
+
+        return is_in_subfolders(self.pattern)
 
     def load(self, path: Path, **options) -> LightField:
         """Read a light field that is stored this way."""

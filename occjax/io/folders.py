@@ -24,6 +24,7 @@ from occjax.io.images import IMAGE_SUFFIXES, read_image
 from occjax.io.limits import ReadLimits
 from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
 from occjax.io.naming.fitting_patterns import fitting_patterns
+from occjax.io.naming.patterns import is_in_subfolders
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import read_positions
 from occjax.io.view_files import ViewFiles
@@ -72,7 +73,7 @@ def read_folder(
     config = _read_config(folder) if layout in (None, "hci") and pattern is None else None
     layout, named = find_views(
         str(folder),
-        _file_names(folder, nested=pattern is not None and "/" in pattern),
+        _file_names(folder, nested=is_in_subfolders(pattern)),
         layout=layout,
         pattern=pattern,
         grid=grid or (config.grid if config else None),

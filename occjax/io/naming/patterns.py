@@ -35,6 +35,16 @@ EXAMPLES: Mapping[FolderLayout, str] = {
 """A file name of each layout, for messages."""
 
 
+def is_in_subfolders(pattern: str | None) -> bool:
+    """Return whether a file name pattern names files in subfolders.
+
+    Example:
+        >>> is_in_subfolders("{v}/{u}.png"), is_in_subfolders("{v}_{u}.png"), is_in_subfolders(None)
+        (True, False, False)
+    """
+    return pattern is not None and "/" in pattern
+
+
 def pattern_to_regex(pattern: str) -> re.Pattern[str]:
     """Turn a file name pattern with ``{v}`` and ``{u}``, or ``{i}``, into a regular expression.
 
