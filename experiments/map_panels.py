@@ -15,8 +15,8 @@ from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, compare
 from occjax.lightfield import LightField, to_unit_float
 from occjax.viz.canvas import TEXT, whole_zoom
 from occjax.viz.colour import (
-    MISSING,
-    NO_VALUE,
+    MISSING_COLOUR,
+    NO_VALUE_COLOUR,
     colourbar_extend,
     disparity_colours,
     disparity_limits,
@@ -109,8 +109,8 @@ def badpix_picture(disparity: np.ndarray, truth: np.ndarray, threshold: float) -
     both = known & valued
     error = np.abs(np.where(both, disparity, 0.0) - np.where(both, truth, 0.0))
     picture = np.where((error > threshold)[..., None], to_rgb(BAD_COLOUR), to_rgb(GOOD_COLOUR))
-    picture[~valued] = to_rgb(MISSING)
-    picture[~known] = to_rgb(NO_VALUE)
+    picture[~valued] = to_rgb(MISSING_COLOUR)
+    picture[~known] = to_rgb(NO_VALUE_COLOUR)
     return picture
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.viz.canvas import MARGIN, TEXT, TITLE_HEIGHT, Canvas, whole_zoom
-from occjax.viz.colour import NO_VALUE
+from occjax.viz.colour import NO_VALUE_COLOUR
 from occjax.viz.figures import mark_border
 from occjax.viz.pictures import error_picture, error_scale
 
@@ -234,4 +234,4 @@ def better_colours() -> Colormap:
 
     The colours differ from those of errors, so that "better" is not read as "nearer".
     """
-    return colormaps["PuOr_r"].with_extremes(bad=NO_VALUE)
+    return colormaps["PuOr_r"].with_extremes(bad=NO_VALUE_COLOUR)

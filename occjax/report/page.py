@@ -17,7 +17,7 @@ from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io.atomic import atomic_path
 from occjax.lightfield import whole_grid
 from occjax.report.scenes import ReportScene
-from occjax.viz.colour import NO_VALUE, confidence_colours, disparity_colours
+from occjax.viz.colour import NO_VALUE_COLOUR, confidence_colours, disparity_colours
 from occjax.viz.pictures import error_scale
 
 
@@ -109,7 +109,7 @@ def _colours() -> dict[str, Any]:
         **{name: _table(colours) for name, colours in maps.items()},
         "error_limits": [norm.vmin, norm.vmax],
         "error_ticks": ticks,
-        "none": NO_VALUE,
+        "none": NO_VALUE_COLOUR,
     }
 
 

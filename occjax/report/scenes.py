@@ -21,9 +21,6 @@ from occjax.results.summary import SUMMARY, read_summary
 from occjax.viz.colour import disparity_limits
 from occjax.viz.pictures import view_picture
 
-NO_VALUE = 65535
-"""Code of a pixel without a value; the others are 0 to 65534."""
-
 
 @dataclass(frozen=True)
 class ReportConfig:
@@ -144,7 +141,7 @@ def packed(values: np.ndarray) -> dict[str, Any]:
     compress well, because neighbouring pixels have similar values.
 
     Args:
-        values: ``[H, W]``; pixels that are not finite have the code :data:`NO_VALUE`.
+        values: ``[H, W]``; pixels that are not finite have the code 65535.
 
     Returns:
         ``low``, ``scale`` and ``codes``.
@@ -157,8 +154,9 @@ def packed(values: np.ndarray) -> dict[str, Any]:
     low, high = (
         (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
     )
-    scale = (high - low) / (NO_VALUE - 1) or 1.0
-    codes = np.full(values.shape, NO_VALUE, np.int64)
+    no_value = 65535
+    scale = (high - low) / (no_value - 1) or 1.0
+    codes = np.full(values.shape, no_value, np.int64)
     codes[known] = np.rint((values[known].astype(np.float64) - low) / scale)
     change = np.diff(codes, axis=1, prepend=0)
     change[:, 0] = np.diff(codes[:, 0], prepend=0)

@@ -9,26 +9,26 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 
-NO_VALUE = "#8a8a8a"
+NO_VALUE_COLOUR = "#8a8a8a"
 """Colour of pixels without a finite value."""
 
-MISSING = "#000000"
+MISSING_COLOUR = "#000000"
 """Colour of pixels with ground truth but without an estimate, in an error map."""
 
 
 def disparity_colours() -> Colormap:
     """Return the colours of disparity: dark blue is far, yellow is near."""
-    return colormaps["viridis"].with_extremes(bad=NO_VALUE)
+    return colormaps["viridis"].with_extremes(bad=NO_VALUE_COLOUR)
 
 
 def confidence_colours() -> Colormap:
     """Return the colours of confidence: dark is uncertain, light is certain."""
-    return colormaps["magma"].with_extremes(bad=NO_VALUE)
+    return colormaps["magma"].with_extremes(bad=NO_VALUE_COLOUR)
 
 
 def occlusion_colours() -> Colormap:
     """Return the colours of occlusion maps: black is visible, light is occluded."""
-    return colormaps["gray"].with_extremes(bad=NO_VALUE)
+    return colormaps["gray"].with_extremes(bad=NO_VALUE_COLOUR)
 
 
 def error_colours(threshold: float, limit: float) -> Colormap:
@@ -48,7 +48,9 @@ def error_colours(threshold: float, limit: float) -> Colormap:
     full = 0.30 + 0.17 * (size - threshold) / max(limit - threshold, 1e-12)
     away_from_white = np.where(size <= threshold, tint, full)
     colours = diverging(0.5 + np.sign(error) * away_from_white)
-    return LinearSegmentedColormap.from_list("error", colours, N=1001).with_extremes(bad=NO_VALUE)
+    return LinearSegmentedColormap.from_list("error", colours, N=1001).with_extremes(
+        bad=NO_VALUE_COLOUR
+    )
 
 
 def limits(*maps: np.ndarray) -> Normalize:

@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from occjax.lightfield import centre_index, to_unit_float
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zoom
 from occjax.viz.colour import (
-    NO_VALUE,
+    NO_VALUE_COLOUR,
     colourbar_extend,
     confidence_colours,
     disparity_colours,
@@ -76,7 +76,7 @@ def depth_figure(depth: np.ndarray) -> Figure:
         'depth [metres]'
     """
     norm = disparity_limits(depth, np.ones(depth.shape))
-    colours = disparity_colours().reversed().with_extremes(bad=NO_VALUE)
+    colours = disparity_colours().reversed().with_extremes(bad=NO_VALUE_COLOUR)
     return _map_figure("Depth", depth, norm, colours, DEPTH_LABEL)
 
 

@@ -16,7 +16,7 @@ from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io.atomic import atomic_path
 from occjax.lightfield import to_unit_float
 from occjax.viz.colour import (
-    MISSING,
+    MISSING_COLOUR,
     confidence_colours,
     disparity_colours,
     disparity_limits,
@@ -111,7 +111,7 @@ def error_picture(
     error[known] = disparity[known] - ground_truth[known]
     picture = coloured(error, norm, colours)
     missing = np.isfinite(ground_truth) & ~np.isfinite(disparity)
-    picture[missing] = np.multiply(255, to_rgb(MISSING)).astype(np.uint8)
+    picture[missing] = np.multiply(255, to_rgb(MISSING_COLOUR)).astype(np.uint8)
     return picture
 
 

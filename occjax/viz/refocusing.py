@@ -14,7 +14,7 @@ from occjax.lightfield import LightField
 from occjax.programs import kept
 from occjax.viz.pictures import view_picture
 
-Path = Literal["circle", "row", "column"]
+CameraPath = Literal["circle", "row", "column"]
 """Path of the camera through the grid of views."""
 
 
@@ -75,7 +75,7 @@ class Refocuser:
         """
         return self._picture(_all_in_focus, np.asarray(disparity, np.float32), aperture)
 
-    def sweep(self, path: Path = "circle") -> Iterator[np.ndarray]:
+    def sweep(self, path: CameraPath = "circle") -> Iterator[np.ndarray]:
         """Yield the usable views along a closed path, which show the parallax.
 
         Args:
@@ -96,7 +96,7 @@ class Refocuser:
         return view_picture(np.asarray(function(field.views, disparity, offsets, usable, diameter)))
 
 
-def sweep_path(light_field: LightField, path: Path) -> list[tuple[int, int]]:
+def sweep_path(light_field: LightField, path: CameraPath) -> list[tuple[int, int]]:
     """Return the usable views nearest to a closed path through the grid.
 
     Args:
