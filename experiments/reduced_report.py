@@ -22,6 +22,7 @@ from experiments.reduced import (
     QUESTIONS,
     REGIONS,
     SETS,
+    ReducedConfig,
     queue,
     read_entries,
     train_and_score,
@@ -220,13 +221,14 @@ def compare_rows(difference: float, spread: float | None) -> str:
     return "lower" if difference < 0.0 else "higher"
 
 
-LEGEND = """\
+LEGEND = f"""\
 A row is a network of `experiments.networks` or `experiments.reduced`, at the reduced size.
 Scores are means over its seeds ± their standard deviation. A row is `lower` or `higher` than the
 first row of its question if the mean difference over their common seeds is larger than the
 spread of seeds: the standard deviation over the seeds, pooled over all rows that have several.
 Otherwise the difference is `none`. A row agrees with the paper if its difference has the
-direction of the paper's table 3. Edges are the pixels within 5 pixels of a depth edge.
+direction of the paper's table 3. Edges are the pixels within {ReducedConfig().edge_band:g} \
+pixels of a depth edge.
 Multiply-adds are those of the layers in a training step."""
 """What stands above the tables."""
 
@@ -240,8 +242,7 @@ SCORES_HEAD = (
 def rows_table(results: Mapping[str, Result], question: str) -> str:
     """Return the cost of the finished rows of a question next to the paper, as Markdown.
 
-    A row agrees with the paper if its BadPix 0.07 differs from that of the first row in the same
-    direction.
+    :data:`LEGEND` says when a row agrees with the paper.
 
     Args:
         results: Results by row.
