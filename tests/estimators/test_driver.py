@@ -140,13 +140,13 @@ def test_occlusion_maps_are_smaller_at_the_true_disparity(scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["photometric", "tiny"])
-def test_exported_estimator_gives_the_same_result(name, estimators, scene):
+def test_exported_estimator_gives_the_same_result(name, estimators, scene, tolerance):
     exported = export_estimator(estimators[name], scene, disparity_range=RANGE)
     restored = jax.export.deserialize(exported.serialize())
     assert [shape.shape for shape in restored.in_avals] == [(3, 3, 24, 32)]
     result = restored.call(jnp.asarray(scene.grey()))
     expected = run_estimator(estimators[name], scene, disparity_range=RANGE)
-    np.testing.assert_allclose(result["disparity"], expected.disparity, atol=1e-5)
+    np.testing.assert_allclose(result["disparity"], expected.disparity, **tolerance("float32"))
 
 
 def test_model_of_the_documentation_estimates_a_slanted_plane(scene):

@@ -24,13 +24,14 @@ def folders(hci, names=(*ADDITIONAL, *VALIDATION)):
 
 
 @pytest.mark.slow
-def test_smoke_test_trains_and_resumes(tmp_path, capsys):
+def test_smoke_test_trains_and_resumes(tmp_path, capsys, tolerance):
     scores = train_hci.run(output=tmp_path, small=True)
     log = read_log(tmp_path / "training")
     validated = [entry for entry in log if entry["kind"] == "validation"]
     assert [entry["step"] for entry in validated] == [1, 2]
     best = min(validated, key=lambda entry: entry["badpix_0.07"])
-    assert scores["whole"]["boxes/mse_x100"] == pytest.approx(best["boxes/mse_x100"], rel=1e-4)
+    mse = scores["whole"]["boxes/mse_x100"]
+    np.testing.assert_allclose(mse, best["boxes/mse_x100"], **tolerance("amplified"))
     assert scores["crops"]["mse_x100"] != scores["whole"]["mse_x100"]
     printed = capsys.readouterr().out
     written = (tmp_path / "scores.md").read_text()

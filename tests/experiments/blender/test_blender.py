@@ -126,12 +126,12 @@ def test_description_lists_glossy_and_plain_objects(rendered):
     assert min(numbers) >= 1
 
 
-def test_bundled_sample_shows_the_scene_of_its_recipe(blender, tmp_path):
+def test_bundled_sample_shows_the_scene_of_its_recipe(blender, tmp_path, tolerance):
     config = RenderConfig(seed=3010, grid=(1, 1), samples=4)
     scene = render_scene(tmp_path / "scene", config, blender=blender)
     bundled = sample()
     truth = read_pfm(scene / "gt_disp_lowres.pfm")
-    np.testing.assert_allclose(truth, bundled.ground_truth, atol=1e-5)
+    np.testing.assert_allclose(truth, bundled.ground_truth, **tolerance("float32"))
     difference = read_image(scene / view_name(0)).astype(float) - bundled.centre
     of_blocks = difference.reshape(16, 16, 16, 16, 3).mean((1, 3))
     # Few rays give noise, and a darker image because the tone curve is concave.
