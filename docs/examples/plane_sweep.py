@@ -29,8 +29,8 @@ class PlaneSweep:
         """Convert the light field to arrays."""
         low, high = disparity_range or light_field.disparity_range or (-2.0, 2.0)
         candidates = np.linspace(low, high, self.steps, dtype=np.float32)
-        others = (candidates, light_field.positions)
-        return ModelInputs(None, light_field.floating(), others, (low, high))
+        arguments = (candidates, light_field.positions)
+        return ModelInputs(None, light_field.floating(), arguments, (low, high))
 
     def run(self, variables, views, candidates, offsets):
         """Compute disparity and confidence; a pure function, compiled once per shape."""

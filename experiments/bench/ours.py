@@ -64,7 +64,7 @@ def build_proposal(problem: Problem, *, precision: str = "float32") -> Program:
     """
     estimator = make_estimator("proposal", precision=precision)
     inputs = estimator.prepare(LightField(problem.views[0][..., None]), RANGE)
-    arguments = jax.device_put((inputs.variables, inputs.views, *inputs.others))
+    arguments = jax.device_put((inputs.variables, inputs.views, *inputs.arguments))
     return _program(lambda *given: estimator.run(*given)["disparity"], arguments, precision)
 
 

@@ -1,4 +1,4 @@
-"""Run an estimator on a light field: prepare, compile once per shape, run, finish."""
+"""Run an estimator on a light field: register, prepare, compile once per shape, run, finish."""
 
 from __future__ import annotations
 
@@ -148,19 +148,19 @@ def run_estimator(
         yield
         seconds[name] = time.perf_counter() - begin
 
-    given = light_field
+    original = light_field
     with phase("prepare", "preparing"):
         light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
-        inputs = inputs._replace(notes=(*_notes_on_view(given), *corrections, *inputs.notes))
-        arguments = (inputs.variables, inputs.views, *inputs.others)
+        inputs = inputs._replace(notes=(*_notes_on_view(original), *corrections, *inputs.notes))
+        arguments = (inputs.variables, inputs.views, *inputs.arguments)
     compiling = "compiling, once for this size and number of views"
     with (
         phase("compile", "loading the program"),
         programs.reporting(lambda: report_phase(compiling)),
     ):
-        signature = programs.signature(arguments)
-        run = _compiled_run(programs.current_device(), estimator, *signature)
+        structure, shapes = programs.signature(arguments)
+        run = _compiled_run(programs.current_device(), estimator, structure, shapes)
         programs.release_memory()
     with phase("run", "estimating"):
         outputs = jax.tree.map(np.asarray, jax.block_until_ready(run(*arguments)))
@@ -170,7 +170,7 @@ def run_estimator(
             maps = estimate_occlusion(light_field, result.disparity)
         result = dataclasses.replace(result, occlusion=maps)
     notes = (*result.notes, *notes_on_limits(result.disparity, result.disparity_range))
-    return dataclasses.replace(result, seconds=seconds, notes=notes, light_field=given)
+    return dataclasses.replace(result, seconds=seconds, notes=notes, light_field=original)
 
 
 def _notes_on_view(light_field: LightField) -> tuple[str, ...]:
@@ -239,13 +239,13 @@ def export_estimator(
     if importlib.util.find_spec("flatbuffers") is None:  # jax.export serialises with it
         raise InputError("an export needs flatbuffers; run pip install 'occjax[export]'")
     inputs = estimator.prepare(registered(light_field)[0], disparity_range)
-    others = jax.tree.map(jnp.asarray, inputs.others)
+    arguments = jax.tree.map(jnp.asarray, inputs.arguments)
     indices, image_shape = inputs.view_indices, inputs.views.shape[2:]
 
     def run(views):
         if indices is not None:
             views = views.reshape(1, -1, *image_shape)[:, indices]
-        return estimator.run(inputs.variables, views, *others)
+        return estimator.run(inputs.variables, views, *arguments)
 
     grid = inputs.views.shape[:2] if indices is None else light_field.grid
     shape = jax.ShapeDtypeStruct((*grid, *image_shape), inputs.views.dtype)

@@ -50,19 +50,19 @@ class ProposalEstimator:
         brightness = view_brightness(light_field)
         grid_offsets = view_offsets(*light_field.grid)
         offsets = np.asarray(light_field.offsets, np.float32)
-        compared, full_grid = brightness.usable, whole_grid(light_field.grid, light_field.view)
+        usable, full_grid = brightness.usable, whole_grid(light_field.grid, light_field.view)
         if light_field.view is not None:
             # Around a view at the border all others are on one side, and from the furthest of them
             # most of what is behind depth edges is hidden.
             reach = max(self.config.reach, *(size // 2 for size in full_grid))
-            compared = compared & (np.abs(grid_offsets).max(axis=-1) <= reach)
-        usable = np.flatnonzero(compared)
+            usable = usable & (np.abs(grid_offsets).max(axis=-1) <= reach)
+        indices = np.flatnonzero(usable)
         # The arrangement refers to the places of a grid; irregular views are all used.
-        views = self.config.views if is_grid(offsets) else "all"
-        selected = usable[select_view_indices(grid_offsets.reshape(-1, 2)[usable], views)]
+        arrangement = self.config.views if is_grid(offsets) else "all"
+        selected = indices[select_view_indices(grid_offsets.reshape(-1, 2)[indices], arrangement)]
         if light_field.view is not None:
             full_offsets = view_offsets(*full_grid).reshape(-1, 2)
-            selected = _padded(selected, len(select_view_indices(full_offsets, views)))
+            selected = _padded(selected, len(select_view_indices(full_offsets, arrangement)))
         offsets = offsets.reshape(1, -1, 2)[:, selected]
         largest_offset = float(np.abs(offsets).max())
         if largest_offset == 0:
@@ -70,6 +70,7 @@ class ProposalEstimator:
                 f"{light_field.name}: one usable view has no disparity; give a grid of at least "
                 "1x2 views"
             )
+        # The interval of the configuration is that at its reach.
         interval = self.config.search.interval * self.config.reach / largest_offset
         max_range = self.config.max_candidates * interval
         if high - low > max_range:
@@ -82,25 +83,26 @@ class ProposalEstimator:
         # so that scenes of similar range share a compiled program.
         count = 4 * -(-(int(np.ceil((high - low) / interval)) + 3) // 4)
         candidates = (low + high) / 2 + interval * (np.arange(count) - (count - 1) / 2)
-        # The result is limited to a requested range, and to the default range if none can be
-        # measured. A measured range, or that of the scene's files, may be slightly too narrow.
+        # The result is limited to a requested range, or to the default range if nothing can be
+        # measured. A range that was measured, or read from the scene's files, may be slightly too
+        # narrow; then the outermost candidates are the limits.
         limits = (low, high)
         if disparity_range is None and (
             light_field.disparity_range is not None or check(light_field).measured_fraction
         ):
             limits = (float(candidates[0]), float(candidates[-1]))
         # Only the selected views are converted: grey of all views takes time.
-        indices = [divmod(int(index), light_field.grid[1]) for index in selected]
-        grey = np.stack([brightness.grey(light_field, *index) for index in indices])
+        places = [divmod(int(index), light_field.grid[1]) for index in selected]
+        grey = np.stack([brightness.grey(light_field, *place) for place in places])
         motion = max(-low, high) * float(np.abs(offsets[..., 0]).max())
         strips = plan_strips(
             light_field.image_size, len(selected), len(candidates), motion, self.config
         )
-        others = (candidates.astype(np.float32), offsets, np.array(limits, np.float32), strips)
+        arguments = (candidates.astype(np.float32), offsets, np.array(limits, np.float32), strips)
         notes = (*brightness.notes, *notes)
         if strips is not None:
             notes += (f"computed in {len(strips.rows)} strips of rows, to bound the memory",)
-        return ModelInputs(self.variables, grey[None], others, limits, notes, selected)
+        return ModelInputs(self.variables, grey[None], arguments, limits, notes, selected)
 
     def run(
         self,
@@ -128,8 +130,8 @@ class ProposalEstimator:
                 "disparity": disparity,
                 "confidence": output.confidence,
                 "standard_deviation": output.standard_deviation,
-                "coarse": output.searched,
-                "stages": (output.searched, disparity),
+                "coarse": output.coarse,
+                "stages": (output.coarse, disparity),
             }
 
         return maps(views) if strips is None else map_strips(maps, views, strips)
@@ -149,7 +151,8 @@ def _padded(selected: np.ndarray, count: int) -> np.ndarray:
     """Repeat the centre view until there are ``count`` views.
 
     Around a view at the border of the grid, fewer views are selected than around the centre. Copies
-    of the centre view have no effect, and views of one light field share compiled programs.
+    of the centre view have no effect. With equal numbers, all views of a light field share one
+    compiled program.
 
     Args:
         selected: ``[k]`` indices of the selected views; the centre view is at ``k // 2``.

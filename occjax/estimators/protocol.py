@@ -28,7 +28,8 @@ class ModelInputs(NamedTuple):
     Attributes:
         variables: Weights; the same for every light field.
         views: Views as the estimator needs them.
-        others: Further arrays that depend on the light field, for instance candidates.
+        arguments: Further arguments of ``run``, in its order: arrays that depend on the light
+            field, for instance candidates.
         disparity_range: Range that is searched.
         notes: Messages for the user.
         view_indices: Indices of the views, row by row in the light field; None for all views.
@@ -36,7 +37,7 @@ class ModelInputs(NamedTuple):
 
     variables: Any
     views: np.ndarray
-    others: tuple[Any, ...]
+    arguments: tuple[Any, ...]
     disparity_range: DisparityRange
     notes: tuple[str, ...] = ()
     view_indices: np.ndarray | None = None
@@ -267,8 +268,8 @@ class Estimator(Protocol):
         """
         ...
 
-    def run(self, variables: Any, views: Any, *others: Any) -> Any:
-        """Compute the result; a pure function of arrays, compiled by :func:`jax.jit`."""
+    def run(self, variables: Any, views: Any, *arguments: Any) -> Any:
+        """Compute the result from the inputs; a pure function, compiled by :func:`jax.jit`."""
         ...
 
     def finish(self, inputs: ModelInputs, outputs: Any) -> Estimate:

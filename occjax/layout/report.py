@@ -137,10 +137,10 @@ class ViewOrderReport:
 def check(light_field: LightField, config: ViewOrderConfig | None = None) -> ViewOrderReport:
     """Measure which of the eight view orders makes the views consistent.
 
-    Takes about a second for 9x9 views of 512x512. A light field that carries its report already
-    (:func:`occjax.load` stores it) is not measured again. Grids of one row or column work: the two
-    flips along the missing axis change nothing, and a swap shows as motion along the wrong image
-    axis.
+    Takes about a second for 9x9 views of 512x512. :func:`occjax.load` stores the report in the
+    light field; a stored report is returned without a measurement. Grids of one row or column work:
+    the two flips along the missing axis change nothing, and a swap shows as motion along the wrong
+    image axis.
 
     Args:
         light_field: At least two views.

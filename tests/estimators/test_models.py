@@ -177,7 +177,7 @@ def test_strips_give_the_map_of_the_whole_image(monkeypatch):
         "occjax.estimators.proposal.plan_strips",
         lambda *arguments: plan_strips(*arguments, config),
     )
-    parts = estimator.prepare(light_field, (0.0, 2.0)).others[-1]
+    parts = estimator.prepare(light_field, (0.0, 2.0)).arguments[-1]
     assert len(parts.rows) > 1
     result = run_estimator(estimator, light_field, disparity_range=(0.0, 2.0))
     assert any("strips of rows" in note for note in result.notes)

@@ -58,7 +58,7 @@ class ProposalOutput(NamedTuple):
 
     Attributes:
         disparity: ``[h, w]`` disparity of the centre view.
-        searched: ``[h, w]`` disparity of the semi-global search.
+        coarse: ``[h, w]`` disparity of the semi-global search, median-filtered, at full resolution.
         refined: ``[h, w]`` disparity after the refinement by planes.
         confidence: ``[h, w]`` in [0, 1]; 1 is certain.
         standard_deviation: ``[h, w]`` standard deviation of the last step's probabilities.
@@ -66,7 +66,7 @@ class ProposalOutput(NamedTuple):
     """
 
     disparity: Float[Array, "h w"]
-    searched: Float[Array, "h w"]
+    coarse: Float[Array, "h w"]
     refined: Float[Array, "h w"]
     confidence: Float[Array, "h w"]
     standard_deviation: Float[Array, "h w"]
@@ -133,9 +133,9 @@ class ProposalNet(nn.Module):
             views, candidates, offsets, multiple=self.config.size_multiple, white=white
         )
         searched, coarse, refined = self.search_and_refine(grey, candidates)
-        at_search = confidence(searched.probabilities, candidates)
-        certainty = at_search.certainty(len(candidates))
-        deviation = at_search.standard_deviation
+        spread = confidence(searched.probabilities, candidates)
+        certainty = spread.certainty(len(candidates))
+        deviation = spread.standard_deviation
         if self.config.search.downsampling == 2:
             certainty, deviation = upsample2x(certainty), upsample2x(deviation)
         selection, disparity = None, refined.disparity
@@ -148,8 +148,8 @@ class ProposalNet(nn.Module):
             # A single pixel that differs from all its neighbours is more often wrong than correct.
             disparity = median_filter(selection.disparity)
             certainty = selection_confidence(selection, certainty, self.config)
-            change = selection.proposed - selection.disparity[None]
-            deviation = confidence(selection.probabilities, change).standard_deviation
+            difference = selection.proposed - selection.disparity[None]
+            deviation = confidence(selection.probabilities, difference).standard_deviation
         if self.config.weighted_median is not None:
             disparity = replace_uncertain(
                 disparity, certainty, grey.centre, self.config.weighted_median
@@ -235,14 +235,14 @@ class ProposalNet(nn.Module):
         """
         assert self.config.selector is not None
         probabilities = softmax_leading(self.selector(proposals))
-        change = proposals.proposed - proposals.disparity[None]
+        difference = proposals.proposed - proposals.disparity[None]
         index = jnp.argmax(probabilities, axis=0, keepdims=True)
-        likeliest = jnp.take_along_axis(change, index, axis=0)
+        likeliest = jnp.take_along_axis(difference, index, axis=0)
         # The factor keeps proposals at exactly this distance despite rounding.
-        near = jnp.abs(change - likeliest) <= 1.001 * self.config.selector.window
+        near = jnp.abs(difference - likeliest) <= 1.001 * self.config.selector.window
         averaged = jnp.where(near, probabilities, 0.0)
         averaged = averaged / sum_leading(averaged)[None]
-        disparity = proposals.disparity + expected_disparity(averaged, change)
+        disparity = proposals.disparity + expected_disparity(averaged, difference)
         return Selection(disparity, proposals.proposed, probabilities)
 
     def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:
@@ -324,7 +324,7 @@ def _in_original_units(output: ProposalOutput, scale, height: int, width: int) -
         )
     return output._replace(
         disparity=output.disparity / scale,
-        searched=output.searched / scale,
+        coarse=output.coarse / scale,
         refined=output.refined / scale,
         standard_deviation=output.standard_deviation / scale,
         selection=selection,

@@ -126,7 +126,7 @@ def refine_disparity(
     smooth_guide = box_filter(guide, 1)  # noise of the guide is not an edge
     nearest, nearest_offsets = nearest_views(others)
     zero = jnp.zeros_like(centre[0])
-    # The prior has the information of all views with the minimal gradient.
+    # The information that all views would give if the gradient were the minimal one.
     prior = config.min_gradient**2 * len(stack)
 
     def residual(feature, offset, disparity):
@@ -147,18 +147,18 @@ def refine_disparity(
             differences, squared = residual(feature, offset, disparity)
             weight = jnp.exp(-squared / noise)
             down, right = offset.astype(centre.dtype)
-            information, gradient = sums
+            information, numerator = sums
             for difference, along_y, along_x in zip(
                 differences, gradients_y, gradients_x, strict=True
             ):
                 derivative = -(down * along_y + right * along_x)
                 information = information + weight * jnp.square(derivative)
-                gradient = gradient - weight * derivative * difference
-            return (information, gradient), None
+                numerator = numerator - weight * derivative * difference
+            return (information, numerator), None
 
         views = (other_stack, others.offset)
-        (information, gradient), _ = jax.lax.scan(add_view, (zero, zero), views)
-        update = jnp.clip(gradient / (information + prior), -max_step, max_step)
+        (information, numerator), _ = jax.lax.scan(add_view, (zero, zero), views)
+        update = jnp.clip(numerator / (information + prior), -max_step, max_step)
         edges = jnp.stack([smooth_guide / config.guide_edge, disparity / config.disparity_edge])
         weights = information + 0.01 * prior
         planes = fit_planes(disparity + update, weights, edges, radius=config.radius_px)

@@ -58,7 +58,8 @@ class ProposalCosts(NamedTuple):
         Args:
             sectors: ``[8, h, w]`` robust cost of grey in each sector of the aperture.
             aperture: ``[h, w]`` the same over the whole aperture.
-            best_half: ``[h, w]`` the same over the best half of the aperture.
+            best_half: ``[h, w]`` the same over the half of the aperture that agrees best, see
+                :func:`occjax.models.proposal.sector_costs.sector_means`.
             absolute: ``[h, w]`` mean absolute difference of grey over the best half.
             detail: ``[h, w]`` robust cost of grey minus its local mean, over the best half.
             aggregated: ``[h, w]`` aggregated cost of the search, scaled.

@@ -95,7 +95,7 @@ def search(
     aggregated = aggregated - min_leading(aggregated)[None]
     disparity = winner_takes_all(aggregated, candidates)
     if settings.context_radius_px:
-        disparity = along_surfaces(costs, candidates, disparity, edges, vignetted, settings)
+        disparity = refine_along_surfaces(costs, candidates, disparity, edges, vignetted, settings)
     probabilities = softmax_leading(-aggregated / settings.temperature)
     return SearchResult(disparity, aggregated, probabilities)
 
@@ -134,7 +134,7 @@ def interpolate_volume(
     return left + fraction * (right - left)
 
 
-def along_surfaces(
+def refine_along_surfaces(
     costs: Float[Array, "d i j"],
     candidates: Float[Array, " d"],
     disparity: Float[Array, "i j"],
@@ -142,10 +142,10 @@ def along_surfaces(
     vignetted: Bool[Array, "i j"],
     settings: SearchConfig,
 ) -> Float[Array, "i j"]:
-    """Minimise the context mean of the costs again, along the surface that was found.
+    """Refine the disparity by the context mean of the costs along the surface that was found.
 
-    Each change is added to the disparity of every pixel of the neighbourhood. Vignetted pixels keep
-    the disparity that the paths carried there.
+    Five small changes are compared; in each, all pixels of a neighbourhood change together.
+    Vignetted pixels keep the disparity that the paths carried there.
     """
     changes = candidate_spacing(candidates) * jnp.linspace(-2.0, 2.0, 5, dtype=candidates.dtype)
     displaced = disparity[None] + changes[:, None, None]

@@ -78,7 +78,7 @@ def test_order_of_the_views_does_not_matter(variables, views, output, tolerance)
 
 def test_views_twice_as_far_apart_have_half_the_disparity(variables, views, output, tolerance):
     far = apply(variables, views, 2 * OFFSETS, CANDIDATES / 2)
-    for name in ("disparity", "searched", "refined", "standard_deviation"):
+    for name in ("disparity", "coarse", "refined", "standard_deviation"):
         near = getattr(output, name)
         np.testing.assert_allclose(
             getattr(far, name), near / 2, err_msg=name, **tolerance("absolute")
@@ -86,10 +86,10 @@ def test_views_twice_as_far_apart_have_half_the_disparity(variables, views, outp
     np.testing.assert_allclose(far.confidence, output.confidence, **tolerance("absolute"))
 
 
-def test_searched_disparity_is_within_the_candidates(variables, views):
+def test_coarse_disparity_is_within_the_candidates(variables, views):
     moved = apply(variables, views, OFFSETS, CANDIDATES + 7.0)
-    assert moved.searched.min() >= 4.0
-    assert moved.searched.max() <= 10.0
+    assert moved.coarse.min() >= 4.0
+    assert moved.coarse.max() <= 10.0
 
 
 def test_default_candidates_and_offsets_are_those_of_the_reach(views, tolerance):
@@ -109,7 +109,7 @@ def test_default_candidates_and_offsets_are_those_of_the_reach(views, tolerance)
 )
 def test_any_grid_and_size_give_a_map_of_that_size(shape, uniform):
     found = apply({}, uniform(*shape), config=NO_SELECTOR)
-    for name in ("disparity", "searched", "refined", "confidence", "standard_deviation"):
+    for name in ("disparity", "coarse", "refined", "confidence", "standard_deviation"):
         assert getattr(found, name).shape == shape[2:]
         assert np.isfinite(getattr(found, name)).all()
     assert found.selection is None
@@ -130,7 +130,7 @@ def test_padding_changes_nothing_inside(variables):
     assert part.shape == (42, 32)
     # The noise level depends on the whole view.
     assert np.quantile(np.abs(part - whole.disparity[:42])[8:32, 8:-8], 0.95) < 0.01
-    for name, limit in (("searched", 0.15), ("refined", 0.03), ("disparity", 0.03)):
+    for name, limit in (("coarse", 0.15), ("refined", 0.03), ("disparity", 0.03)):
         error = np.abs(getattr(whole, name) - truth)[6:-6, 6:-6]
         assert np.median(error) < limit, name
 

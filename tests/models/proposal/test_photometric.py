@@ -118,7 +118,7 @@ def test_noise_does_not_favour_candidates_between_pixels():
     """At disparity 1 all views are read at whole pixels; elsewhere interpolation averages noise."""
     views, truth = slanted((5, 5), disparity=1.0, slope=(0.0, 0.0))
     noise = np.random.default_rng(0).normal(0, 0.02, views.shape).astype(np.float32)
-    searched = estimate(0.25 + views / 2 + noise).searched
+    searched = estimate(0.25 + views / 2 + noise).coarse
     assert np.abs(inner(searched - truth)).mean() < 0.045  # half an interval is 0.06
 
 

@@ -44,7 +44,7 @@ def test_means_along_a_slanted_surface_find_it_where_means_at_one_disparity_do_n
     noise = np.random.default_rng(0).normal(0.3, 0.2, (17, 40, 40))
     costs = jnp.minimum(jnp.abs(candidates[:, None, None] - truth[None]), 0.5) / 2 + noise
     settings, edges = ProposalNetConfig().search, jnp.zeros((1, 40, 40))
-    found = jax.jit(search.along_surfaces, static_argnames="settings")(
+    found = jax.jit(search.refine_along_surfaces, static_argnames="settings")(
         costs, candidates, truth + 0.2, edges, jnp.zeros((40, 40), bool), settings=settings
     )
     means = jax.jit(partial(edge_aware_mean, radius=settings.context_radius_px))(costs, edges)
