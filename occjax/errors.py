@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import operator
 from collections.abc import Iterable
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 
 class InputError(ValueError):
@@ -33,6 +34,30 @@ def check_one_of(name: str, value: object, choices: Any) -> None:
     allowed = get_args(choices)
     if value not in allowed:
         raise InputError(f"{name} is {value!r}; {nearest(value, allowed)}")
+
+
+def check_whole_pair(name: str, value: object, *, minimum: int = 1) -> None:
+    """Check that an argument is two whole numbers, of rows and of columns.
+
+    Args:
+        name: Name of the argument, for the message.
+        value: Value to check.
+        minimum: Smallest allowed number.
+
+    Raises:
+        InputError: If it is not two whole numbers, or one is smaller.
+
+    Example:
+        >>> check_whole_pair("grid", (9, 9))
+    """
+    try:
+        row, column = map(operator.index, cast(Any, value))
+    except (TypeError, ValueError):
+        row = column = minimum - 1
+    if min(row, column) < minimum:
+        raise InputError(
+            f"{name} is {value!r}; it must be two whole numbers (row, column) of at least {minimum}"
+        )
 
 
 def nearest(name: object, names: Iterable[str], *, otherwise: str = "") -> str:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, check_whole_pair
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,10 +69,14 @@ def view_offsets(v: int, u: int, *, column_spacing: float = 1.0) -> np.ndarray:
         ``[v, u, 2]`` float32 offsets ``(row, column)``, in view steps; in steps of the rows if the
         columns have another spacing.
 
+    Raises:
+        InputError: If the numbers are not whole or less than 1.
+
     Example:
         >>> view_offsets(3, 3)[0, 2].tolist()
         [-1.0, 1.0]
     """
+    check_whole_pair("(v, u)", (v, u))
     indices = np.stack(np.meshgrid(np.arange(v), np.arange(u), indexing="ij"), axis=-1)
     offsets = (indices - np.array(centre_index((v, u)))).astype(np.float32)
     return offsets * np.array([1.0, column_spacing], np.float32)
@@ -296,9 +300,9 @@ class LightField:
             )
         if self.views.size == 0 or not self._has_unit_values():
             raise InputError(
-                f"{self.name}: views must be uint8, uint16 or finite floating point in [0, 1], "
-                f"not {self.views.dtype}{' of another range' * bool(self.views.size)}; scale or "
-                "convert them, for example by views.astype(numpy.uint8) if they are from 0 to 255"
+                f"{self.name}: views must be an array of uint8, of uint16 or of finite floating "
+                f"point in [0, 1], not {self._wrong_values()}; scale or convert them, for example "
+                "by numpy.asarray(views, numpy.uint8) if they are from 0 to 255"
             )
         if self.positions is not None and self.positions.shape != (*self.grid, 2):
             raise InputError(
@@ -337,6 +341,12 @@ class LightField:
             return self.views.dtype in (np.uint8, np.uint16)
         # Resampling may leave values slightly outside [0, 1]. NaN fails both comparisons.
         return bool(self.views.min() >= -0.01 and self.views.max() <= 1.01)
+
+    def _wrong_values(self) -> str:
+        """Return type and values of views that cannot be used, in words."""
+        if self.views.size == 0 or not np.issubdtype(self.views.dtype, np.floating):
+            return f"{self.views.dtype} {list(self.views.shape)}"
+        return f"{self.views.dtype} from {self.views.min():.4g} to {self.views.max():.4g}"
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -416,6 +426,7 @@ class LightField:
             >>> corner.grid, corner.usable[2].tolist()
             ((5, 5), [True, True, True, False, False])
         """
+        check_whole_pair("view", view, minimum=0)
         rows, columns = self.grid
         v, u = view
         if not (0 <= v < rows and 0 <= u < columns):

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from occjax.errors import InputError, nearest
+from occjax.errors import InputError, check_whole_pair, nearest
 from occjax.lightfield import view_offsets
 
 Arrangement = Literal["all", "cross", "star", "outer_star"]
@@ -143,8 +143,8 @@ def check_selection(selection: ViewSelection) -> None:
                 f"selection is {selection!r}; {nearest(selection, get_args(Arrangement))} or the "
                 "numbers (V, U)"
             )
-    elif len(selection) != 2 or min(selection) < 1:
-        raise InputError(f"selection is {selection}; (V, U) must be two positive numbers")
+    else:
+        check_whole_pair("selection", selection)
 
 
 def _count_further_out(row: np.ndarray, column: np.ndarray, counted: np.ndarray) -> np.ndarray:

@@ -70,7 +70,9 @@ def test_grey_views_get_their_channel_axis():
     ],
 )
 def test_unsupported_types_and_values_are_refused(views):
-    with pytest.raises(InputError, match=r"scene: views must be uint8, uint16 or finite"):
+    with pytest.raises(
+        InputError, match=r"scene: views must be an array of uint8, of uint16 or of fin"
+    ):
         LightField(views, name="scene")
 
 
@@ -146,3 +148,18 @@ def test_the_views_around_another_one_keep_their_places_relative_to_it():
         light_field.around((3, 0))
     with pytest.raises(InputError, match=r"view \(1, 1\) is missing or too dark"):
         light_field.around((1, 1))
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_the_type_of_unsupported_views_is_named():
+    with pytest.raises(InputError, match=r"not int64 \[3, 3, 4, 4, 1\]; .*numpy.asarray\(views, n"):
+        LightField(np.zeros((3, 3, 4, 4, 1), np.uint8).tolist())
+    with pytest.raises(InputError, match=r"not float64 from 0 to 255; scale"):
+        LightField(np.linspace(0.0, 255.0, 144).reshape(3, 3, 4, 4, 1))
+
+
+@pytest.mark.parametrize("view", [3, (0.5, 0), (0, 1, 2), (-1, 0), "00"])
+@pytest.mark.usefixtures("unchecked")
+def test_a_view_is_a_row_and_a_column(view):
+    with pytest.raises(InputError, match=r"view is .*; it must be two whole numbers"):
+        LightField(np.zeros((3, 3, 4, 4, 1), np.uint8)).around(view)

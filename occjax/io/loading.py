@@ -10,7 +10,7 @@ from typing import cast, get_args
 
 import numpy as np
 
-from occjax.errors import InputError, check_one_of
+from occjax.errors import InputError, check_one_of, check_whole_pair
 from occjax.io.arrays import read_arrays
 from occjax.io.consistency import truth_fault
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
@@ -112,10 +112,10 @@ def load(
     declared = declared_orientation(order, flip)
     if layout is not None:
         check_one_of("layout", layout, Layout)
-    if grid is not None and (len(grid) != 2 or min(grid) < 1):
-        raise InputError(f"grid is {grid}; it must be the positive numbers (rows, columns)")
-    if views is not None and (len(views) != 2 or min(views) < 1):
-        raise InputError(f"views is {views}; it must be the positive numbers (rows, columns)")
+    if grid is not None:
+        check_whole_pair("grid", grid)
+    if views is not None:
+        check_whole_pair("views", views)
     if max_disparity is not None and not 0 < max_disparity < math.inf:
         raise InputError(f"max_disparity is {max_disparity}; it must be a positive number")
     with reading(path):

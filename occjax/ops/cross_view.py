@@ -61,7 +61,8 @@ def cross_view_difference(
         ``[h, w]`` pixels per view step; NaN where the point is outside of the other image.
 
     Raises:
-        InputError: If the maps are not two maps of the same size.
+        InputError: If the maps are not two maps of the same size, or the offset is not a row and a
+            column.
 
     Example:
         >>> centre = jnp.array([[0.0, 0.0, 1.0, 0.0, 0.0]])
@@ -69,7 +70,7 @@ def cross_view_difference(
         >>> cross_view_difference(centre, right, jnp.array([0.0, 1.0])).tolist()
         [[0.0, 1.0, 0.0, 0.0, 0.0]]
     """
-    disparity, other, offset = as_coordinates(disparity, other, offset)
+    disparity, other, offset = as_coordinates(disparity, other, as_offsets(offset, ()))
     if disparity.ndim != 2 or disparity.shape != other.shape:
         raise InputError(
             f"disparity and other must be [h, w] of the same size, not {list(disparity.shape)} and "

@@ -11,8 +11,10 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
+from occjax.errors import InputError
 from occjax.lightfield import Calibration
 
 
@@ -33,12 +35,15 @@ def depth_from_disparity(
     Returns:
         ``[h, w]`` metres along the optical axis; NaN where the disparity is NaN.
 
+    Raises:
+        InputError: If the map is not ``[h, w]`` or there is no calibration.
+
     Example:
         >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=4.0)
         >>> depth_from_disparity(jnp.array([[0.0, -5.0]]), camera).tolist()
         [[4.0, inf]]
     """
-    disparity = jnp.asarray(disparity)
+    disparity = _map_with_calibration(disparity, calibration, "disparity")
     height, width = disparity.shape
     inverse = calibration.inverse_depth(disparity, (height, width))
     distant = inverse <= 0.0
@@ -60,12 +65,15 @@ def disparity_from_depth(
         ``[h, w]`` pixels per view step: finite for infinite depth, NaN where the depth is not
         positive.
 
+    Raises:
+        InputError: If the map is not ``[h, w]`` or there is no calibration.
+
     Example:
         >>> camera = Calibration(100.0, 35.0, baseline_mm=50.0, focus_distance_m=7.0)
         >>> disparity_from_depth(jnp.array([[7.0, 0.0]]), camera).tolist()
         [[0.0, nan]]
     """
-    depth = jnp.asarray(depth)
+    depth = _map_with_calibration(depth, calibration, "depth")
     possible = depth > 0.0
     height, width = depth.shape
     disparity = calibration.disparity(jnp.where(possible, depth, 1.0), (height, width))
@@ -87,12 +95,15 @@ def back_project(depth: Float[Array, "h w"], calibration: Calibration) -> Float[
         ``[h, w, 3]`` metres: x to the right, y up, z towards the viewer; NaN where the depth is not
         positive and finite.
 
+    Raises:
+        InputError: If the map is not ``[h, w]`` or there is no calibration.
+
     Example:
         >>> camera = Calibration(50.0, 50.0, baseline_mm=50.0, focus_distance_m=7.0)
         >>> back_project(jnp.array([[4.0, 4.0]]), camera)[0, 1].tolist()
         [1.0, 0.0, -4.0]
     """
-    depth = jnp.asarray(depth)
+    depth = _map_with_calibration(depth, calibration, "depth")
     height, width = depth.shape
     focal_length = calibration.focal_length_pixels((height, width))
     right = (jnp.arange(width, dtype=depth.dtype) - 0.5 * (width - 1)) / focal_length
@@ -124,6 +135,9 @@ def surface_normals(points: Float[Array, "h w 3"], *, edge: float = 3.0) -> Floa
         ``[h, w, 3]`` unit vectors in the coordinates of the points: (0, 0, 1) faces the viewer. NaN
         where a point, or both its neighbours in a direction, are missing.
 
+    Raises:
+        InputError: If the points are not ``[h, w, 3]``.
+
     Example:
         >>> right, up = jnp.meshgrid(jnp.arange(3.0), -jnp.arange(3.0))
         >>> slope = jnp.stack([right, up, -right], axis=-1)  # recedes to the right
@@ -131,6 +145,10 @@ def surface_normals(points: Float[Array, "h w 3"], *, edge: float = 3.0) -> Floa
         [0.7070000171661377, 0.0, 0.7070000171661377]
     """
     points = jnp.asarray(points)
+    if points.ndim != 3 or points.shape[-1] != 3:
+        raise InputError(
+            f"points must be [h, w, 3], not {list(points.shape)}; pass those of back_project"
+        )
     valid = jnp.isfinite(points).all(axis=-1)
     points = jnp.where(valid[..., None], points, 0.0)
     rightwards, has_row = _difference(points, valid, 1, edge)
@@ -140,6 +158,19 @@ def surface_normals(points: Float[Array, "h w 3"], *, edge: float = 3.0) -> Floa
     known = (valid & has_row & has_column)[..., None] & (squared > 0.0)
     length = jnp.sqrt(jnp.where(known, squared, 1.0))
     return jnp.where(known, normal / length, jnp.nan)
+
+
+def _map_with_calibration(values: ArrayLike, calibration: Calibration, name: str) -> Array:
+    """Return a map ``[h, w]`` as an array, after a check of its axes and of its calibration."""
+    values = jnp.asarray(values)
+    if values.ndim != 2:
+        raise InputError(f"{name} must be [h, w], not {list(values.shape)}")
+    if not isinstance(calibration, Calibration):
+        raise InputError(
+            f"calibration must be a Calibration, not {calibration!r}; a light field has none if "
+            "its files describe no camera"
+        )
+    return values
 
 
 def _difference(

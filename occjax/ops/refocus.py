@@ -35,11 +35,16 @@ def aperture_weights(
     Returns:
         ``[v, u]`` weights in [0, 1].
 
+    Raises:
+        InputError: If the diameter is negative, unless it is traced.
+
     Example:
         >>> from occjax.ops import view_offsets
         >>> aperture_weights(view_offsets(1, 5), 2.0).tolist()
         [[0.0, 0.5, 1.0, 0.5, 0.0]]
     """
+    if not isinstance(diameter, jax.core.Tracer) and not float(diameter) >= 0.0:
+        raise InputError(f"diameter must be at least 0, not {diameter}")
     offsets, diameter = as_coordinates(offsets, diameter)
     squared = jnp.square(offsets).sum(-1)
     # The derivative of the root is infinite at zero, the offset of the centre view.

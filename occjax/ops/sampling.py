@@ -29,7 +29,7 @@ from jaxtyping import Array, Float, Int
 from occjax.errors import InputError, check_one_of
 from occjax.kernels.bilinear import base_and_fraction, whole_and_fraction
 from occjax.kernels.reductions import accumulation_dtype
-from occjax.lightfield import project, view_offsets
+from occjax.lightfield import LightField, project, view_offsets
 
 Border = Literal["replicate", "zero"]
 """What :func:`warp` reads outside the image."""
@@ -63,7 +63,8 @@ def shift(
         ``[r, w, c]`` shifted image.
 
     Raises:
-        InputError: If the image is not floating point or the disparity is not one number.
+        InputError: If the image is not floating point, the disparity is not one number, the offset
+            is not a row and a column, or the rows are not those of the image.
 
     Example:
         >>> ramp = jnp.arange(4.0)[None, :, None]
@@ -71,8 +72,8 @@ def shift(
         [0.5, 1.5, 2.5, 1.5]
     """
     image = as_images(image, "h w c", "image")
-    first, count = (0, image.shape[0]) if rows is None else rows
-    disparity, offset = as_coordinates(disparity, offset)
+    first, count = as_rows(rows, image.shape[0])
+    disparity, offset = as_coordinates(disparity, as_offsets(offset, ()))
     if disparity.ndim:
         raise InputError(
             f"disparity must be one number, not {list(disparity.shape)}; use warp for a map"
@@ -176,8 +177,8 @@ def warp(
         ``[r, w, c]`` warped image.
 
     Raises:
-        InputError: If the image is not floating point, the disparity does not fit it or the border
-            is unknown.
+        InputError: If the image is not floating point, the disparity does not fit it, the offset is
+            not a row and a column, or the border is unknown.
 
     Example:
         >>> ramp = jnp.tile(jnp.arange(4.0)[None, :, None], (2, 1, 1))
@@ -186,7 +187,7 @@ def warp(
     """
     check_one_of("border", border, Border)
     image = as_images(image, "h w c", "image")
-    disparity, offset = as_coordinates(disparity, offset)
+    disparity, offset = as_coordinates(disparity, as_offsets(offset, ()))
     h, w, _ = image.shape
     if disparity.ndim != 2 or disparity.shape[0] > h or disparity.shape[1] != w:
         raise InputError(
@@ -231,6 +232,11 @@ def as_images(images: ArrayLike, axes: str, name: str = "views") -> Array:
     Raises:
         InputError: If they are not floating point or have other axes.
     """
+    if isinstance(images, LightField):
+        raise InputError(
+            f"{name} must be an array, not a LightField; pass light_field.floating() or "
+            "light_field.grey()"
+        )
     images = jnp.asarray(images)
     if not jnp.issubdtype(images.dtype, jnp.floating):
         raise InputError(
@@ -254,12 +260,12 @@ def as_coordinates(*values: ArrayLike) -> tuple[Array, ...]:
     return tuple(array.astype(jnp.float64 if double else jnp.float32) for array in arrays)
 
 
-def as_offsets(offsets: ArrayLike | None, grid: tuple[int, ...]) -> Float[Array, "v u 2"]:
+def as_offsets(offsets: ArrayLike | None, grid: tuple[int, ...]) -> Float[Array, "*grid 2"]:
     """Return the offsets of the views as coordinates.
 
     Args:
         offsets: Offset ``(row, column)`` of each view, in view steps; None for a regular grid.
-        grid: ``(V, U)``, number of view rows and view columns.
+        grid: ``(V, U)``, number of view rows and view columns; ``()`` for the offset of one view.
 
     Raises:
         InputError: If there is not one offset for each view.
@@ -268,5 +274,31 @@ def as_offsets(offsets: ArrayLike | None, grid: tuple[int, ...]) -> Float[Array,
         return jnp.asarray(view_offsets(*grid))
     (offsets,) = as_coordinates(offsets)
     if offsets.shape != (*grid, 2):
-        raise InputError(f"offsets must be {[*grid, 2]}, not {list(offsets.shape)}")
+        name = "offsets" if grid else "offset"
+        raise InputError(f"{name} must be {[*grid, 2]}, not {list(offsets.shape)}")
     return offsets
+
+
+def as_rows(rows: Rows | None, height: int) -> Rows:
+    """Return the first row and the number of rows of a strip of an image.
+
+    Args:
+        rows: The strip as the user passed it; None for the whole image.
+        height: Number of rows of the image.
+
+    Raises:
+        InputError: If they are not two numbers, or extend more than one row beyond the image. A
+            traced first row has no value that could be checked.
+    """
+    if rows is None:
+        return 0, height
+    if not isinstance(rows, tuple | list) or len(rows) != 2:
+        raise InputError(f"rows must be (first row, number of rows), not {rows!r}")
+    first, count = rows
+    known = -1 if isinstance(first, jax.core.Tracer) else int(first)
+    if count < 1 or known < -1 or known + count > height + 1:
+        raise InputError(
+            f"rows are {count} from row {first}, but the image has {height} rows and one more may "
+            "be computed on each side"
+        )
+    return first, count

@@ -25,7 +25,16 @@ from occjax.errors import InputError
 from occjax.kernels.bilinear import whole_and_fraction
 from occjax.kernels.reductions import accumulation_dtype
 from occjax.lightfield import centre_index
-from occjax.ops.sampling import Border, Rows, as_coordinates, as_images, as_offsets, shift, warp
+from occjax.ops.sampling import (
+    Border,
+    Rows,
+    as_coordinates,
+    as_images,
+    as_offsets,
+    as_rows,
+    shift,
+    warp,
+)
 
 Combine = Callable[[Float[Array, "v u h w c"], Float[Array, "v u h w"] | None], Float[Array, "..."]]
 """Function of the registered views and their weights at one candidate; returns a volume plane."""
@@ -174,17 +183,18 @@ def coarse_volume(
     features = as_images(features, "v u h w c", "features")
     candidates, offsets = _candidates(candidates), as_offsets(offsets, features.shape[:2])
     v, u, h, w, _ = features.shape
-    weights = _weights(weights, (v, u, h if rows is None else rows[1], w))
+    strip = as_rows(rows, h)
+    weights = _weights(weights, (v, u, strip[1], w))
     if streamed and combine is concatenate and weights is None:
-        return _concatenated_volume(features, candidates, offsets, rows or (0, h))
+        return _concatenated_volume(features, candidates, offsets, strip)
 
-    def plane(candidate):
-        def register(view, offset):
-            return shift(view, candidate, offset, rows=rows)
+    def register(candidate):
+        def shift_view(view, offset):
+            return shift(view, candidate, offset, rows=strip)
 
-        return combine(jax.vmap(jax.vmap(register))(features, offsets), weights)
+        return jax.vmap(jax.vmap(shift_view))(features, offsets)
 
-    return _map_candidates(plane, candidates, streamed)
+    return _combined(register, candidates, combine, weights, streamed)
 
 
 def _concatenated_volume(
@@ -329,14 +339,13 @@ def refined_volume(
     candidates = _candidates(candidates)
     weights = _weights(weights, (*features.shape[:2], *jnp.shape(disparity)))
 
-    def plane(candidate):
+    def register(candidate):
         start, residual = as_coordinates(disparity, candidate)
-        registered = warp_views(
+        return warp_views(
             features, start + residual, offsets=offsets, border=border, first_row=first_row
         )
-        return combine(registered, weights)
 
-    return _map_candidates(plane, candidates, streamed)
+    return _combined(register, candidates, combine, weights, streamed)
 
 
 def warp_views(
@@ -375,16 +384,29 @@ def warp_views(
     return jax.vmap(jax.vmap(register))(views, as_offsets(offsets, views.shape[:2]))
 
 
-def _map_candidates(
-    plane: Callable[[Array], Array], candidates: Float[Array, " d"], streamed: bool
+def _combined(
+    register: Callable[[Array], Array],
+    candidates: Float[Array, " d"],
+    combine: Combine,
+    weights: Array | None,
+    streamed: bool,
 ) -> Float[Array, "d ..."]:
+    """Return the planes that ``combine`` makes of the views registered at each candidate."""
+    if not callable(combine):
+        raise InputError(f"combine must be a function such as ops.concatenate, not {combine!r}")
+
+    def plane(candidate):
+        return combine(register(candidate), weights)
+
     return jax.lax.map(plane, candidates) if streamed else jax.vmap(plane)(candidates)
 
 
 def _candidates(candidates: ArrayLike) -> Float[Array, " d"]:
     (candidates,) = as_coordinates(candidates)
-    if candidates.ndim != 1:
-        raise InputError(f"candidates must be a vector [d], not {list(candidates.shape)}")
+    if candidates.ndim != 1 or not candidates.size:
+        raise InputError(
+            f"candidates must be a vector [d], d at least 1, not {list(candidates.shape)}"
+        )
     return candidates
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from occjax import ops
 from occjax.errors import InputError
+from occjax.lightfield import LightField
 
 VIEWS = np.random.default_rng(0).uniform(size=(1, 3, 4, 5, 2)).astype(np.float32)
 VOLUME = np.random.default_rng(1).uniform(size=(3, 4, 5)).astype(np.float32)
@@ -37,6 +38,20 @@ def test_integer_images_are_refused_with_advice(name, dtype):
         IMAGE_FUNCTIONS[name](jnp.asarray(255 * VIEWS).astype(dtype))
 
 
+LIGHT_FIELD_FUNCTIONS = {
+    "views": lambda light_field: ops.refocus(light_field, 0.5),
+    "features": lambda light_field: ops.coarse_volume(light_field, CANDIDATES),
+}
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("name", LIGHT_FIELD_FUNCTIONS)
+def test_light_fields_are_refused_with_advice(name):
+    light_field = LightField(np.zeros((3, 3, 4, 5, 1), np.uint8))
+    with pytest.raises(InputError, match=rf"{name} must be .*; pass light_field.floating\(\) or"):
+        LIGHT_FIELD_FUNCTIONS[name](light_field)
+
+
 TRACED_WITH_CONSTANTS = {
     "shift": (lambda d: ops.shift(VIEWS[0, 0], d, OFFSET), np.float32(0.5)),
     "warp": (lambda d: ops.warp(VIEWS[0, 0], d, OFFSET), DISPARITY),
@@ -45,6 +60,8 @@ TRACED_WITH_CONSTANTS = {
     "occlusion_maps": (lambda d: ops.occlusion_maps(VIEWS, d), DISPARITY),
     "winner_takes_all": (lambda c: ops.winner_takes_all(VOLUME, c), CANDIDATES),
     "soft_argmin": (lambda c: ops.soft_argmin(VOLUME, c), CANDIDATES),
+    "aperture_weights": (lambda d: ops.aperture_weights(ops.view_offsets(1, 3), d), 2.0),
+    "rows": (lambda d: ops.shift(VIEWS[0, 0], d, OFFSET, rows=(jnp.int32(-1), 6)), np.float32(0.5)),
 }
 
 
@@ -79,7 +96,9 @@ MISFITS = {
     r"features must be \[v, u, h, w, c\], not \[1, 1, 3": (
         lambda: ops.refined_volume(VIEWS[None], DISPARITY, CANDIDATES)
     ),
-    r"candidates must be a vector \[d\], not \[\]": lambda: ops.coarse_volume(VIEWS, 0.5),
+    r"candidates must be a vector \[d\], d at least 1, not \[\]": lambda: ops.coarse_volume(
+        VIEWS, 0.5
+    ),
     r"candidates must be \[3\] or \[3, 4, 5\] like the costs, not \[1\]": (
         lambda: ops.soft_argmin(VOLUME, CANDIDATES[:1])
     ),
@@ -104,6 +123,31 @@ MISFITS = {
     r"offsets must be \[1, 3, 2\], not \[3, 2\]": (
         lambda: ops.warp_views(VIEWS, DISPARITY, offsets=np.zeros((3, 2)))
     ),
+    r"candidates must be a vector \[d\], d at least 1, not \[0\]": (
+        lambda: ops.coarse_volume(VIEWS, np.zeros(0))
+    ),
+    r"offset must be \[2\], not \[\]": lambda: ops.shift(VIEWS[0, 0], 1.0, 3),
+    r"offset must be \[2\], not \[3\]": (lambda: ops.warp(VIEWS[0, 0], DISPARITY, np.arange(3.0))),
+    r"offset must be \[2\], not \[3, 3, 2\]": (
+        lambda: ops.cross_view_difference(DISPARITY, DISPARITY, np.ones((3, 3, 2)))
+    ),
+    r"rows must be \(first row, number of rows\), not 5": (
+        lambda: ops.coarse_volume(VIEWS, CANDIDATES, rows=5)
+    ),
+    r"rows are 6 from row 0, but the image has 4 rows": (
+        lambda: ops.coarse_volume(VIEWS, CANDIDATES, rows=(0, 6), streamed=True)
+    ),
+    r"rows are 5 from row -2, but": lambda: ops.shift(VIEWS[0, 0], 1.0, OFFSET, rows=(-2, 5)),
+    r"combine must be a function such as ops.concatenate, not 'concatenate'": (
+        lambda: ops.coarse_volume(VIEWS, CANDIDATES, combine="concatenate")
+    ),
+    r"diameter must be at least 0, not -1": lambda: ops.aperture_weights(np.ones((1, 3, 2)), -1),
+    r"\(v, u\) is \(0, 3\); it must be two whole numbers": lambda: ops.view_offsets(0, 3),
+    r"\(v, u\) is \(2.5, 3\); it must be two whole numbers": lambda: ops.view_offsets(2.5, 3),
+    r"points must be \[h, w, 3\], not \[4, 5\]": lambda: ops.surface_normals(DISPARITY),
+    r"depth must be \[h, w\], not \[1, 4, 5\]": lambda: ops.back_project(DISPARITY[None], None),
+    r"calibration must be a Calibration, not None": lambda: ops.back_project(DISPARITY, None),
+    r"a Calibration, not None; a light field": lambda: ops.depth_from_disparity(DISPARITY, None),
     r"disparity must be one number, not \[2\]": (
         lambda: ops.shift(VIEWS[0, 0], CANDIDATES[:2], OFFSET)
     ),
