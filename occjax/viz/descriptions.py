@@ -69,9 +69,8 @@ def describe_light_field(light_field: LightField) -> Description:
         f"LightField {light_field.name!r}: {v}x{u} views of {height}x{width} pixels "
         f"(rows x columns), {colour} {light_field.views.dtype}"
     )
-    disparity_range = light_field.disparity_range
     facts = {
-        "disparity range": f"{_range(*disparity_range)} {UNIT}" if disparity_range else "unknown",
+        "disparity range": _disparity_range(light_field),
         "calibration": describe_calibration(light_field.calibration),
         "ground truth": "no" if light_field.ground_truth is None else "yes",
     }
@@ -82,6 +81,16 @@ def describe_light_field(light_field: LightField) -> Description:
     if light_field.positions is not None:
         facts["camera positions"] = "given"
     return Description(title, facts)
+
+
+def _disparity_range(light_field: LightField) -> str:
+    """Describe the declared disparity range, else the measured one."""
+    if light_field.disparity_range is not None:
+        return f"{_range(*light_field.disparity_range)} {UNIT}"
+    report = light_field.view_order_report
+    if report is None or not report.measured_fraction:
+        return "unknown"
+    return f"{_range(*report.declared_range)} {UNIT}, measured"
 
 
 def describe_estimate(estimate: Estimate) -> Description:

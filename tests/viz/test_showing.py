@@ -1,5 +1,6 @@
 """How light fields and estimates show themselves: text, notebook, Matplotlib axes."""
 
+import re
 from xml.etree import ElementTree
 
 import matplotlib
@@ -9,7 +10,9 @@ import pytest
 
 from occjax.errors import InputError
 from occjax.estimators import Estimate
+from occjax.estimators.driver import with_report
 from occjax.lightfield import Calibration, LightField
+from tests.scenes import plane
 
 matplotlib.use("agg")
 
@@ -50,6 +53,23 @@ def test_a_light_field_is_described_in_two_lines():
         "  disparity range: -1.50 to 2.00 pixels per view step; calibration: focal length 50 mm, "
         "sensor 36 mm, baseline 4 mm, focus 2.5 m; ground truth: yes; usable views: 14 of 15",
     ]
+
+
+@pytest.mark.parametrize("disparity", [0.5, None])
+def test_the_measured_range_is_described(disparity):
+    """Views without texture show none."""
+    scene = plane(grid=(5, 5), size=(32, 40), disparity=disparity or 0.0)
+    views = scene.views if disparity else np.full_like(scene.views, 0.5)
+    measured = with_report(LightField(views))
+    facts = repr(measured).splitlines()[1].split("; ")
+    if disparity is None:
+        assert facts[0] == "  disparity range: unknown"
+        return
+    low, high = re.fullmatch(
+        r"  disparity range: (.*) to (.*) pixels per view step, measured", facts[0]
+    ).groups()
+    assert float(low) < disparity < float(high)
+    assert float(high) - float(low) < 1.0
 
 
 def test_an_estimate_is_described_in_two_lines():
