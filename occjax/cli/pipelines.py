@@ -174,8 +174,8 @@ class Pipelines(Generic[_Loaded, _Result]):
         self._progress.close()
         with suppress(OSError):
             print(
-                f"occjax: interrupted; scenes written: {self._written}; the same command estimates "
-                "the others",
+                f"occjax: interrupted; scenes written: {self._written}"
+                + "; the same command estimates the others" * (not self.single_scene),
                 file=sys.stderr,
                 flush=True,
             )

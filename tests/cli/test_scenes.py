@@ -20,6 +20,7 @@ import pytest
 from matplotlib import colormaps
 
 from occjax.cli import scenes
+from occjax.cli.pipelines import Pipelines
 from occjax.cli.scene_lists import listed_scenes
 from occjax.errors import InputError
 from occjax.estimators import Estimate
@@ -275,6 +276,18 @@ def test_interruption_ends_the_command_and_keeps_what_is_complete(folder, tmp_pa
     assert "interrupted; scenes written: 1;" in err
     assert "Traceback" not in err
     assert names(tmp_path / "out") == ["scene1", *(f"scene1/{n}" for n in (*FILES, "summary.json"))]
+
+
+@pytest.mark.parametrize(("count", "promised"), [(1, False), (2, True)])
+def test_only_of_several_scenes_an_interruption_leaves_others(count, promised, monkeypatch, capsys):
+    steps = dict.fromkeys(("read", "estimate", "write"), print)
+    scene_names = {Path(f"scene{number}"): f"scene{number}" for number in range(count)}
+    monkeypatch.setattr(os, "_exit", sys.exit)
+    with pytest.raises(SystemExit):
+        Pipelines(scene_names, **steps, single_scene=count == 1)._abandon(130)
+    err = capsys.readouterr().err
+    assert "occjax: interrupted; scenes written: 0" in err
+    assert ("the same command estimates the others" in err) == promised
 
 
 def test_scenes_are_estimated_on_all_devices_at_the_same_time(
