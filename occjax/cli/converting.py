@@ -9,7 +9,7 @@ from typing import Annotated, Literal, cast
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import CameraOptions, ViewOrderOptions, option
+from occjax.cli.options import CameraOptions, ViewOrderOptions, choice, option
 from occjax.errors import InputError
 from occjax.io import Map, read_map, write_map, write_normals
 from occjax.io.files import reading
@@ -47,6 +47,7 @@ def convert_command(
     ],
     to: Annotated[
         Target | None,
+        choice(Target),
         option(
             "Quantity to write: disparity, depth, normals or points. By default points for a .ply, "
             "else the quantity of MAP.",
@@ -55,6 +56,7 @@ def convert_command(
     ] = None,
     from_: Annotated[
         Quantity | None,
+        choice(Quantity),
         arg(
             name="from",
             metavar="WHAT",

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import CameraOptions, ViewOrderOptions, option, pair
+from occjax.cli.options import CameraOptions, ViewOrderOptions, choice, option, pair
 from occjax.errors import InputError
 from occjax.models.bundled import find_weights, ready_models
 from occjax.models.occcasnet.config import Warp
@@ -46,7 +46,9 @@ def estimate_command(
         ),
     ] = None,
     warp: Annotated[
-        Warp | None, option("correct or transposed, instead of the warp of the weights.", "WARP")
+        Warp | None,
+        choice(Warp),
+        option("correct or transposed, instead of the warp of the weights.", "WARP"),
     ] = None,
     disparity_range: Annotated[
         tuple[float, float] | None,
@@ -130,10 +132,14 @@ def estimate_command(
     from occjax.cli.scene_lists import listed_scenes
     from occjax.cli.scenes import RunOptions, estimate_scenes
     from occjax.estimators import make_estimator
+    from occjax.estimators.ranges import check_range
     from occjax.io.atomic import check_writable
     from occjax.io.video import check_video
     from occjax.results.outputs import output_options
 
+    view_order.check()
+    if disparity_range is not None:
+        check_range(disparity_range)
     scenes = listed_scenes(
         scenes, scenes_from, expand_folders=not view_order.in_subfolders, grid=view_order.grid
     )

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from occjax.cli.options import ViewOrderOptions, option
+from occjax.cli.options import ViewOrderOptions, numbers, option
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, THRESHOLDS
 from occjax.layout.orientation import declared_orientation
@@ -37,6 +37,7 @@ def evaluate_command(
     ] = None,
     thresholds: Annotated[
         tuple[float, ...] | None,
+        numbers(float, meaning="one or more numbers", any_count=True),
         option(
             "BadPix thresholds, in pixels per view step; "
             f"{', '.join(f'{threshold:g}' for threshold in THRESHOLDS)} by default. With --metrics "

@@ -29,7 +29,25 @@ def pair(kind: type[int] | type[float]) -> Any:
     return numbers(kind, kind, meaning={int: "two whole numbers", float: "two numbers"}[kind])
 
 
-def numbers(*kinds: type[int] | type[float], meaning: str) -> Any:
+def choice(values: Any) -> Any:
+    """Describe an option of one of several words; ``None``, its default, cannot be passed.
+
+    Without this, ``None`` would be offered among the words.
+
+    Args:
+        values: The ``typing.Literal`` that lists the words.
+    """
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="",  # ``option`` has one
+        instance_from_str=lambda words: words[0],
+        is_instance=lambda value: value is None or value in get_args(values),
+        str_from_instance=lambda value: [value] if value else [],
+        choices=get_args(values),
+    )
+
+
+def numbers(*kinds: type[int] | type[float], meaning: str, any_count: bool = False) -> Any:
     """Describe an option of one number per kind; ``None``, its default, cannot be passed.
 
     Without this, the option would take all words that follow it, also the name of the scene.
@@ -37,16 +55,18 @@ def numbers(*kinds: type[int] | type[float], meaning: str) -> Any:
     Args:
         *kinds: ``int`` or ``float`` for each number.
         meaning: What they are in words, for messages.
+        any_count: Whether the option takes one or more numbers, of the only kind.
     """
 
     def parse(words: list[str]) -> tuple[int | float, ...]:
         try:
-            return tuple(kind(word) for kind, word in zip(kinds, words, strict=True))
+            repeated = kinds * max(1, len(words)) if any_count else kinds
+            return tuple(kind(word) for kind, word in zip(repeated, words, strict=True))
         except ValueError:
-            raise ValueError(f"pass {meaning}, not {' '.join(words)}") from None
+            raise ValueError(f"pass {meaning}, not {' '.join(words) or 'none'}") from None
 
     return PrimitiveConstructorSpec(
-        nargs=len(kinds),
+        nargs="*" if any_count else len(kinds),
         metavar="",  # ``option`` has one
         instance_from_str=parse,
         is_instance=lambda value: value is None or isinstance(value, tuple),
@@ -113,6 +133,19 @@ class ViewOrderOptions:
         from occjax.io.naming.patterns import is_in_subfolders
 
         return is_in_subfolders(self.pattern)
+
+    def check(self) -> None:
+        """Check the options that can be checked before the files are read.
+
+        Raises:
+            InputError: If an option has an impossible value.
+        """
+        from occjax.io.loading import check_options
+
+        check_options(
+            *(self.layout, self.grid, self.order, self.flip),
+            *(self.spacing, self.views, self.max_disparity),
+        )
 
     def load(self, path: Path, **options) -> LightField:
         """Read a light field that is stored this way."""

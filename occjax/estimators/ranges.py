@@ -42,13 +42,26 @@ def choose_range(
     if requested is None:
         disparity_range, notes = disparity_range_of(light_field)
         return disparity_range, tuple(notes)
+    return check_range(requested), ()
+
+
+def check_range(requested: DisparityRange) -> DisparityRange:
+    """Return the range that the user requested, as two floats.
+
+    Args:
+        requested: ``(minimum, maximum)``, pixels per view step.
+
+    Raises:
+        InputError: If it is not two finite numbers, the smaller one first.
+    """
+    name = "disparity_range (--disparity-range)"
     try:
         low, high = (float(bound) for bound in requested)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the disparity range needs two numbers, not {requested!r}") from error
+        raise InputError(f"{name} needs two numbers, not {requested!r}") from error
     if not (np.isfinite([low, high]).all() and low + 1e-3 <= high):
-        raise InputError(f"the disparity range needs minimum < maximum, not {low} {high}")
-    return (low, high), ()
+        raise InputError(f"{name} needs minimum < maximum, not {low:g} {high:g}")
+    return low, high
 
 
 def notes_on_limits(

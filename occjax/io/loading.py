@@ -109,15 +109,8 @@ def load(
         (5, 5)
     """
     path = Path(path)
+    check_options(layout, grid, order, flip, spacing, views, max_disparity)
     declared = declared_orientation(order, flip)
-    if layout is not None:
-        check_one_of("layout", layout, Layout)
-    if grid is not None:
-        check_whole_pair("grid", grid)
-    if views is not None:
-        check_whole_pair("views", views)
-    if max_disparity is not None and not 0 < max_disparity < math.inf:
-        raise InputError(f"max_disparity is {max_disparity}; it must be a positive number")
     with reading(path):
         path.stat()
     stored, files = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
@@ -175,6 +168,34 @@ def load(
     return light_field
 
 
+def check_options(
+    layout: str | None,
+    grid: tuple[int, int] | None,
+    order: str,
+    flip: str,
+    spacing: tuple[float, float] | None,
+    views: tuple[int, int] | None,
+    max_disparity: float | None,
+) -> None:
+    """Check options of :func:`load` before anything is read.
+
+    Raises:
+        InputError: If an option has an impossible value.
+    """
+    declared_orientation(order, flip)
+    if layout is not None:
+        check_one_of("layout", layout, Layout)
+    if grid is not None:
+        check_whole_pair("grid", grid)
+    if views is not None:
+        check_whole_pair("views", views)
+    if spacing is not None and not all(0 < distance < math.inf for distance in spacing):
+        rows, columns = spacing
+        raise InputError(f"spacing is {rows:g} {columns:g}; it must be two positive numbers")
+    if max_disparity is not None and not 0 < max_disparity < math.inf:
+        raise InputError(f"max_disparity is {max_disparity}; it must be a positive number")
+
+
 def _read(
     path: Path,
     layout: Layout | None,
@@ -216,8 +237,6 @@ def _read(
 def _spaced(path: Path, light_field: LightField, spacing: tuple[float, float]) -> LightField:
     """Return the light field with the camera positions of this spacing, in row steps."""
     rows, columns = spacing
-    if not (0 < rows < np.inf and 0 < columns < np.inf):
-        raise InputError(f"spacing is {rows:g} {columns:g}; it must be two positive numbers")
     if light_field.positions is not None:
         raise InputError(
             f"{path}: has camera positions; leave out spacing, or remove the positions"

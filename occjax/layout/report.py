@@ -307,7 +307,10 @@ class _Measured:
 def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:
     """Measure view order and disparity range of the light field as it is."""
     if light_field.grid == (1, 1):
-        raise InputError(f"{light_field.name}: has one view; disparity needs at least two")
+        raise InputError(
+            f"{light_field.name}: has one view; disparity needs at least two; check grid and views "
+            "(--grid, --views)"
+        )
     brightness = view_brightness(light_field, config.brightness)
     config, coarse = _search(light_field, brightness, config)
     rough = measure_disparity(coarse, _most_consistent(_scores(coarse), config))

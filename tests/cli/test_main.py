@@ -104,6 +104,44 @@ def test_a_pair_of_numbers_that_is_none_is_explained(run, numbers, message):
     assert message in err
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--disparity-range", 3, -3), "disparity_range (--disparity-range) needs minimum < max"),
+        (("--layout", "lyto"), "layout is 'lyto'; did you mean 'lytro'?"),
+        (("--flip", "x"), "flip is 'x'"),
+        (("--max-disparity", 0), "max_disparity is 0"),
+        (("--spacing", 0, 1), "spacing is 0 1"),
+    ],
+)
+def test_wrong_options_are_explained_before_the_scene_is_read(run, options, message):
+    code, _, err = run("estimate", "absent", "-o", "out", *options)
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+
+
+@pytest.mark.parametrize("words", [["abc"], ["0.1", "abc"]])
+def test_thresholds_that_are_no_numbers_are_explained(run, words):
+    code, _, err = run("evaluate", "a.pfm", "b.pfm", "--thresholds", *words)
+    assert code == 2
+    assert f"pass one or more numbers, not {' '.join(words)}" in err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("convert", "a.pfm", "b.pfm", "--to", "foo"),
+        ("convert", "a.pfm", "b.pfm", "--from", "foo"),
+        ("estimate", "a", "-o", "b", "--warp", "foo"),
+    ],
+)
+def test_none_is_not_among_the_choices(run, arguments):
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert "foo" in err
+    assert "None" not in err
+
+
 def test_reader_that_closes_the_pipe_is_no_error(scene):
     command = f"'{sys.executable}' -m occjax check '{scene}' | head -1"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)

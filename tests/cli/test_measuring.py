@@ -101,3 +101,11 @@ def test_check_names_the_view_order_and_how_to_pass_it(run, scene):
     assert "view order: as declared" in out
     _, out, _ = run("check", scene, "--order", "uv")
     assert "rows and columns swapped; pass --order vu" in out
+
+
+def test_one_view_is_too_few_and_its_option_is_named(run, scene):
+    code, _, err = run("check", scene, "--views", 1, 1)
+    assert code == 2
+    assert (
+        "has one view; disparity needs at least two; check grid and views (--grid, --views)" in err
+    )
