@@ -23,8 +23,9 @@ def evaluate_command(
         Path,
         Positional,
         arg(
-            help="True disparity (PFM, NPY or PNG) or folder of the scene (with "
-            "gt_disp_lowres.pfm). A scene folder may also be the first argument."
+            help="True disparity (PFM, NPY or PNG), folder of the scene (with "
+            "gt_disp_lowres.pfm), or HDF5 file of the scene. A scene folder may also be the first "
+            "argument."
         ),
     ],
     metrics: Annotated[

@@ -17,6 +17,7 @@ from occjax.evaluation.metrics import (
 )
 from occjax.evaluation.scene_files import is_scene
 from occjax.io.config import ReadingConfig
+from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.hci_config import GROUND_TRUTH
 from occjax.io.maps import changed_maps, read_map
 
@@ -33,8 +34,9 @@ def evaluate_files(
     Args:
         estimate_path: Estimated disparity ``[H, W]``, pixels per view step: a PFM, NPY or PNG file
             (:func:`occjax.io.read_map`), or a folder of results.
-        ground_truth_path: True disparity ``[H, W]``: such a file, a folder of results, or the
-            folder of a scene with ``gt_disp_lowres.pfm``.
+        ground_truth_path: True disparity ``[H, W]``: such a file, a folder of results, the folder
+            of a scene with ``gt_disp_lowres.pfm``, or an HDF5 file of a scene with ``GT_DEPTH``
+            (:func:`occjax.io.containers.read_container`).
         thresholds: Thresholds of BadPix, pixels per view step.
         border: Pixels left out on each side of the image; by default
             :func:`occjax.evaluation.default_border`.
@@ -61,7 +63,7 @@ def evaluate_files(
     estimate = read_disparity(estimate_path)
     if is_scene(ground_truth_path):
         ground_truth_path = Path(ground_truth_path) / GROUND_TRUTH
-    ground_truth = read_disparity(ground_truth_path)
+    ground_truth = _read_ground_truth(Path(ground_truth_path))
     if np.array_equal(estimate, ground_truth, equal_nan=True):
         warnings.warn(
             f"{estimate_path} and {ground_truth_path} are the same map; the errors are 0",
@@ -73,6 +75,16 @@ def evaluate_files(
         return evaluate(estimate, ground_truth, thresholds=thresholds, border=border)
     except InputError as error:
         raise InputError(f"{estimate_path} against {ground_truth_path}: {error}") from None
+
+
+def _read_ground_truth(path: Path) -> np.ndarray:
+    """Read the true disparity ``[H, W]`` from a map or from the HDF5 file of a scene."""
+    if path.suffix.lower() in CONTAINER_SUFFIXES:
+        truth = read_container(path).ground_truth
+        if truth is None:
+            raise InputError(f"{path}: has no ground truth; name a file of the true disparity")
+        return truth
+    return read_disparity(path)
 
 
 def _warn_of_a_changed_map(

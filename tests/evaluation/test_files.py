@@ -1,3 +1,4 @@
+import h5py
 import numpy as np
 import pytest
 
@@ -91,3 +92,18 @@ def test_a_file_that_cannot_be_used_is_named_in_one_line(tmp_path, name, write, 
         evaluate_files(*pair, border=0)
     assert str(bad) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_ground_truth_of_an_hdf5_scene_is_that_of_its_depth(tmp_path):
+    """``d = B f / Z - shift``: 0.1 * 60 / 4 - 1 = 0.5."""
+    with h5py.File(tmp_path / "scene.h5", "w") as file:
+        file["LF"] = np.random.default_rng(0).integers(0, 256, (3, 3, 16, 20, 3), np.uint8)
+        file["GT_DEPTH"] = np.full((3, 3, 16, 20), 4.0, np.float32)
+        file.attrs.update(dH=0.1, focalLength=60.0, shift=1.0)
+    np.save(tmp_path / "estimate.npy", np.full((16, 20), 0.75))
+    metrics = evaluate_files(tmp_path / "estimate.npy", tmp_path / "scene.h5", border=0)
+    assert metrics.mse_x100 == pytest.approx(100 * 0.25**2)
+    with h5py.File(tmp_path / "scene.h5", "a") as file:
+        del file["GT_DEPTH"]
+    with pytest.raises(InputError, match=r"scene\.h5: has no ground truth"):
+        evaluate_files(tmp_path / "estimate.npy", tmp_path / "scene.h5")
