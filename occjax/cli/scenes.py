@@ -230,12 +230,22 @@ class SceneSteps:
         # the scene again.
         settings = self.settings(path)
         with collect_warnings() as messages:
-            light_field = self.reader(path)
+            try:
+                light_field = self._light_field(path)
+            except InputError:  # of which a warning may be the cause, such as a damaged view
+                for message in messages:
+                    print_warning(message)
+                raise
+        return _LoadedScene(light_field, settings, messages, time.perf_counter() - begin)
+
+    def _light_field(self, path: Path) -> LightField:
+        """Read the light field, with the declared camera and around the view to estimate."""
+        light_field = self.reader(path)
         calibration = self.camera.calibration(light_field.calibration)
         light_field = dataclasses.replace(light_field, calibration=calibration)
         if self.run.view is not None:
             light_field = with_report(light_field).around(self.run.view)
-        return _LoadedScene(light_field, settings, messages, time.perf_counter() - begin)
+        return light_field
 
     def estimate(self, scene: _LoadedScene, report_phase: ReportPhase) -> _Estimated:
         """Estimate a scene."""

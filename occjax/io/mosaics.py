@@ -50,12 +50,12 @@ def read_mosaic(
             a quilt repeats at other distances than those of its tiles, or the image looks like a
             MacPI image of another grid.
     """
+    image = read_image(path)
     named = re.search(r"(?<![A-Za-z])qs(\d+)x(\d+)", path.stem, re.IGNORECASE)
     if kind == "quilt" or (kind is None and named):
         tiles = (int(named[2]), int(named[1])) if named and grid is None else grid
         if tiles is None or min(tiles) < 1:
             raise InputError(f"{path}: a quilt needs its tiles; pass grid (--grid ROWS COLUMNS)")
-        image = read_image(path)
         _warn_of_other_tiles(path, image, tiles, config)
         return split_quilt(image, tiles)
     if grid is None:
@@ -63,7 +63,6 @@ def read_mosaic(
             f"{path}: one image of all views needs the grid; pass grid (--grid V U), of a quilt "
             "with layout (--layout quilt --grid ROWS COLUMNS)"
         )
-    image = read_image(path)
     remedy = "" if kind else "; if it is a quilt, pass layout (--layout quilt)"
     height, width = _view_size(image, grid, f"{path}: ", remedy)
     if min(height, width) < MIN_VIEW_SIZE_PX:

@@ -46,9 +46,9 @@ class ViewFiles:
             name = arrange(self._names())[centre]
             rows, columns = usable.shape
             raise InputError(
-                f"{self.folder}: the centre view {name} (row {row + 1}, column {column + 1} of the "
-                f"{rows}x{columns} grid), for which disparity is estimated, is missing or cannot "
-                f"be used; add it{self._alternative(arrange)}"
+                f"{self.folder}: the centre view {name} (row {row}, column {column} of the "
+                f"{rows}x{columns} grid, counted from 0), for which disparity is estimated, is "
+                f"missing or cannot be used; add it{self._alternative(arrange)}"
             )
         return None if usable.all() else usable
 

@@ -145,6 +145,22 @@ def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_pat
     assert "1 of 4 scenes failed" in err
 
 
+@pytest.mark.parametrize(
+    ("view", "options", "reason"),
+    [
+        ("input_Cam040.png", (), "input_Cam040.png (row 4, column 4 of the 9x9 grid, counted from"),
+        ("input_Cam000.png", ("--view", 0, 0), "the view (0, 0) is missing or too dark"),
+    ],
+)
+def test_a_damaged_view_is_named_as_the_cause(run, scene, tmp_path, view, options, reason):
+    (scene / view).write_text("text")
+    code, _, err = run("estimate", scene, "-o", tmp_path / "out", *FAST, *options)
+    assert code == 2
+    warning, error = err.splitlines()[-2:]
+    assert warning.startswith(f"occjax: warning: {scene / view}: cannot be decoded as an image")
+    assert reason in error
+
+
 def test_failing_scenes_do_not_stop_the_others(run, scene, write_scene, tmp_path, monkeypatch):
     (tmp_path / "broken").mkdir()
     copy, write = write_scene(tmp_path / "copy"), scenes.write_outputs

@@ -52,7 +52,10 @@ def remove(folder, *indices):
     [
         (
             lambda f: remove(f, (1, 1), (0, 2)),
-            ["the centre view input_Cam004.png (row 2, column 2 of the 3x3 grid)", "add it"],
+            [
+                "the centre view input_Cam004.png (row 1, column 1 of the 3x3 grid, counted from",
+                "add it",
+            ],
         ),
         (lambda f: remove(f, (2, 2)), ["boxes", "8 views", "input_Cam007.png", "--grid"]),
         (
@@ -165,6 +168,20 @@ def test_file_names_that_do_not_form_a_grid(tmp_path, name, removed, words):
 
 
 @pytest.mark.parametrize(
+    ("names", "options", "words"),
+    [
+        (("all_15x15.png", "blue_15x15.png"), {}, ["/all_15x15.png, and", "(--grid 15 15)"]),
+        (("all.png", "blue.png"), {"grid": (3, 4)}, ["/all.png, and", "(--grid 3 4)"]),
+        (("all_512x512.png", "blue.png"), {}, ["/all_512x512.png, and", "(--grid V U)"]),
+    ],
+)
+def test_folders_of_images_of_all_views(tmp_path, names, options, words):
+    for name in names:
+        save(VIEW, tmp_path / name)
+    refused(tmp_path, ["if each image holds all views, name one", *words, "--pattern"], **options)
+
+
+@pytest.mark.parametrize(
     ("names", "words"),
     [
         ([], ["no images"]),
@@ -262,6 +279,7 @@ def folder_of_raw_files(path):
     [
         ("nowhere", lambda path: None, ["there is no such file"]),
         ("all.gif", lambda path: path.touch(), ["convert it to PNG"]),
+        ("all.png", lambda path: path.write_text("text"), ["cannot be decoded as an image"]),
         ("scene.xyz", lambda path: path.touch(), ["unknown kind"]),
         ("IMG.LFR", lambda path: path.touch(), ["PlenoptiCam", "{v}_{u}.png", "Light Field Too"]),
         ("raw", folder_of_raw_files, ["raw/IMG.LFR", "PlenoptiCam"]),

@@ -60,7 +60,8 @@ def find_views(
     if pattern is not None:
         matches, expected = _matching(names, pattern_to_regex(pattern)), f"matches {pattern!r}"
     elif layout is None and (layout := _detect_layout(folder, names)) is None:
-        return None, find_views(folder, names, pattern=_propose(folder, names), grid=grid)[1]
+        proposed = _propose(folder, names, grid)
+        return None, find_views(folder, names, pattern=proposed, grid=grid)[1]
     else:
         matches = _matching(names, NAMES[layout])
         expected = f"is named like {EXAMPLES[layout]!r}"
@@ -127,7 +128,7 @@ def _detect_layout(folder: str, names: list[str]) -> FolderLayout | None:
     return None
 
 
-def _propose(folder: str, names: list[str]) -> str:
+def _propose(folder: str, names: list[str], grid: tuple[int, int] | None) -> str:
     """Return the only pattern that fits the names of the images in the folder."""
     images = [name for name in names if name.lower().endswith(IMAGE_SUFFIXES)]
     unsupported = [name for name in names if name.lower().endswith(UNSUPPORTED_SUFFIXES)]
@@ -149,9 +150,15 @@ def _propose(folder: str, names: list[str]) -> str:
             stacklevel=4,
         )
         return patterns[0]
-    proposed = [*patterns, "view_{v}_{u}.png", "view_{i}.png"][: len(patterns) or 2]
+    no_layout = f"{folder}: the file names match no known layout{_found(images)}"
+    if patterns:
+        raise InputError(f"{no_layout}; {_pass_pattern(patterns)}")
+    stated = re.search(r"(?<!\d)(\d{1,2})x(\d{1,2})(?!\d)", images[0])
+    rows, columns = grid or (stated.groups() if stated else ("V", "U"))
     raise InputError(
-        f"{folder}: the file names match no known layout{_found(images)}; {_pass_pattern(proposed)}"
+        f"{no_layout}; if each image holds all views, name one of them, such as "
+        f"{folder}/{images[0]}, and pass grid (--grid {rows} {columns}); if each is one view, "
+        f"{_pass_pattern(['view_{v}_{u}.png', 'view_{i}.png'])}"
     )
 
 
