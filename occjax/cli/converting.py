@@ -112,7 +112,8 @@ def convert_command(
     --baseline-mm 40 --focus-m inf
 
     Depth is in metres, disparity in pixels per view step. In space x is to the right, y up and z to
-    the viewer.
+    the viewer. Points of a folder of results are those of its estimate: coloured by centre.png, and
+    without pixels without signal.
     """
     _check_target(source, target, to, picture=picture, overwrite=overwrite)
     content = read_map(source, quantity=from_, scale=scale, offset=offset)
@@ -121,8 +122,12 @@ def convert_command(
     print(f"{source}: {_describe(content)}")
     calibration = _read_camera(source, content, quantity, scene, parameters, camera)
     if quantity == "points":
-        centre = None if scene is None else view_order.load(scene, check_orientation=False).centre
-        written = _write_points(target, content, calibration, centre)
+        from occjax.results.reading import stored_cloud  # imports JAX
+
+        centre, mask = stored_cloud(source) if source.is_dir() else (None, None)
+        if scene is not None:
+            centre = view_order.load(scene, check_orientation=False).centre
+        written = _write_points(target, content, calibration, centre, mask)
     elif quantity == "normals":
         vectors = normals(content, cast(Calibration, calibration))
         write_normals(target, vectors)
@@ -242,15 +247,20 @@ def _write_map(target: Path, content: Map, *, picture: bool) -> str:
 
 
 def _write_points(
-    target: Path, content: Map, camera: Calibration | None, centre: np.ndarray | None
+    target: Path,
+    content: Map,
+    camera: Calibration | None,
+    centre: np.ndarray | None,
+    mask: np.ndarray | None,
 ) -> str:
     """Write the points; returns a description of what was written."""
     cloud = point_cloud(content, camera)
-    count = write_points(target, cloud, centre=centre)
+    count = write_points(target, cloud, centre=centre, mask=mask)
     colours = "" if centre is None else " in the colours of the centre view"
     lines = [f"{count} points{colours}; {cloud.unit}"]
     if missing := content.values.size - count:
-        lines.append(f"note: {missing} pixels without a point in space are left out")
+        unsure = " or left out by the estimate" if mask is not None else ""
+        lines.append(f"note: {missing} pixels without a point in space{unsure} are left out")
     if camera is None:
         lines.append(
             "note: without a camera (--parameters, --scene or --focal-length-mm) the points are in "

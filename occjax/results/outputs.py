@@ -156,7 +156,7 @@ def write_outputs(
     folder, options = Path(folder), options or OutputOptions()
     metrics = compare(estimate.disparity, light_field.ground_truth)
     signal = has_signal(light_field, estimate.confidence)
-    in_cloud = _cloud_mask(estimate, signal, options.min_confidence)
+    in_cloud = cloud_mask(estimate, signal, options.min_confidence)
     notes = (*estimate.notes, *_notes(light_field, metrics, signal, in_cloud, options))
     maps_of_views = (path.relative_to(folder).as_posix() for path in folder.glob(f"{FOLDER}/*.pfm"))
     with atomic_folder(folder, owned=(*FILES, *maps_of_views), marker=SUMMARY) as temporary:
@@ -211,8 +211,17 @@ def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:
     return lit & ~(confidence < MIN_CONFIDENCE)
 
 
-def _cloud_mask(estimate: Estimate, signal: np.ndarray, min_confidence: float | None) -> np.ndarray:
-    """Return ``[H, W]`` whether a pixel has a point in the cloud."""
+def cloud_mask(estimate: Estimate, signal: np.ndarray, min_confidence: float | None) -> np.ndarray:
+    """Find the pixels that have a point in the cloud.
+
+    Args:
+        estimate: The estimate.
+        signal: ``[H, W]`` pixels with signal (:func:`has_signal`).
+        min_confidence: See :class:`OutputOptions`.
+
+    Returns:
+        ``[H, W]`` booleans.
+    """
     if min_confidence is None:
         return signal
     certain = estimate.confidence >= min_confidence

@@ -13,6 +13,7 @@ from occjax.io.arrays import read_npy
 from occjax.io.images import read_image
 from occjax.io.maps import read_map
 from occjax.lightfield import LightField, centre_index
+from occjax.results.outputs import cloud_mask, has_signal
 from occjax.results.summary import SUMMARY, read_summary, stored_calibration
 from occjax.results.view_maps import read_view_maps
 
@@ -67,6 +68,25 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
         light_field=light_field,
         views=read_view_maps(folder),
     )
+
+
+def stored_cloud(folder: Path) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the colours and the pixels of the point cloud that an estimate has written.
+
+    Args:
+        folder: As :func:`read_estimate`.
+
+    Returns:
+        ``[H, W, 3]`` centre view and ``[H, W]`` booleans; None and None for the colourless points
+        of all pixels if the folder has no centre view.
+    """
+    estimate = read_estimate(folder) if (folder / SUMMARY).is_file() else None
+    if estimate is None or estimate.light_field is None:
+        return None, None
+    options = (read_summary(folder / SUMMARY).get("settings") or {}).get("options", {})
+    signal = has_signal(estimate.light_field, estimate.confidence)
+    mask = cloud_mask(estimate, signal, options.get("min_confidence"))
+    return estimate.light_field.centre, mask
 
 
 def _stored_light_field(

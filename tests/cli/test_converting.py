@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from occjax.estimators import Estimate
 from occjax.io import read_pfm, write_pfm
+from occjax.lightfield import Calibration, LightField
+from occjax.results.outputs import output_options, write_outputs
 from tests.io.files import CONFIG
 from tests.io.test_ply import read_vertices
 
@@ -104,6 +107,33 @@ def test_points_have_the_position_and_colour_of_their_pixels(run, scene, toleran
     np.testing.assert_allclose(-vertices["z"], depth_of(DISPARITY).ravel(), **tolerance("relative"))
     column = (WIDTH - 1) / 2 + 100.0 / 35.0 * WIDTH * vertices["x"] / -vertices["z"]
     np.testing.assert_allclose(column, np.tile(np.arange(WIDTH), HEIGHT), **tolerance("float32"))
+
+
+@pytest.mark.parametrize("min_confidence", [None, 0.5])
+@pytest.mark.parametrize("camera", [None, Calibration(100.0, 35.0, 50.0, 7.2)])
+def test_points_of_a_folder_of_results_are_those_of_the_estimate(
+    run, tmp_path, min_confidence, camera
+):
+    """A black corner, and two rows of confidence 0 and 0.25, which have points or not."""
+    views, confidence = VIEWS.copy(), np.ones_like(DISPARITY)
+    views[:, :, :3, :3] = 0
+    confidence[5], confidence[6] = 0.0, 0.25
+    disparity = np.full_like(DISPARITY, 0.25)  # no pixel is between two surfaces
+    estimate = Estimate(disparity, confidence, confidence, (-0.5, 0.5), "photometric")
+    write_outputs(
+        estimate,
+        LightField(views, calibration=camera),
+        tmp_path / "results",
+        output_options("maps,cloud", min_confidence),
+        settings={"options": {"min_confidence": min_confidence}},
+    )
+    code, out, err = run(tmp_path / "results", "cloud.ply")
+    assert (code, err) == (0, "")
+    written = (tmp_path / "here/cloud.ply").read_bytes()
+    assert written == (tmp_path / "results/points.ply").read_bytes()
+    left_out = 9 + WIDTH + (0 if min_confidence is None else WIDTH)
+    assert f"{DISPARITY.size - left_out} points in the colours of the centre view" in out
+    assert f"{left_out} pixels without a point in space or left out by the estimate" in out
 
 
 def test_without_a_camera_points_are_a_relief(run, tmp_path):
