@@ -169,7 +169,8 @@ def run_estimator(
         with phase("occlusion", "occlusion maps"):
             maps = estimate_occlusion(light_field, result.disparity)
         result = dataclasses.replace(result, occlusion=maps)
-    notes = (*result.notes, *notes_on_limits(result.disparity, result.disparity_range))
+    limits = notes_on_limits(result.disparity, result.confidence, result.disparity_range)
+    notes = (*result.notes, *limits)
     return dataclasses.replace(result, seconds=seconds, notes=notes, light_field=original)
 
 

@@ -65,12 +65,19 @@ def check_range(requested: DisparityRange) -> DisparityRange:
 
 
 def notes_on_limits(
-    disparity: np.ndarray, disparity_range: DisparityRange, config: LimitConfig = LimitConfig()
+    disparity: np.ndarray,
+    confidence: np.ndarray,
+    disparity_range: DisparityRange,
+    config: LimitConfig = LimitConfig(),
 ) -> list[str]:
     """Return notes for the user if many disparities are at a limit of the searched range.
 
+    Pixels of confidence 0 do not count as at a limit: nothing was measured there, so a wider range
+    would not help.
+
     Args:
         disparity: ``[H, W]`` disparity, pixels per view step.
+        confidence: ``[H, W]`` confidence in [0, 1].
         disparity_range: Range that was searched.
         config: Thresholds.
     """
@@ -81,7 +88,7 @@ def notes_on_limits(
         ("lower", disparity <= low + margin),
         ("upper", disparity >= high - margin),
     ):
-        fraction = float(np.mean(at_limit))
+        fraction = float(np.mean(at_limit & (confidence != 0)))
         if fraction > config.max_fraction:
             notes.append(
                 f"{fraction:.0%} of the disparities are at the {end} limit of the searched range "

@@ -107,9 +107,16 @@ def test_ranges_that_are_not_two_numbers_are_refused(requested, scene):
 )
 def test_many_disparities_at_a_limit_are_noted(low, high, limit):
     disparity = np.clip(np.linspace(0.2, 0.8, 100, dtype=np.float32)[None], low, high)
-    notes = notes_on_limits(disparity, (float(low), float(high)))
+    confidence = np.full_like(disparity, 0.01)
+    notes = notes_on_limits(disparity, confidence, (float(low), float(high)))
     assert len(notes) == (limit is not None)
     assert all(f"at the {limit} limit" in note for note in notes)
+
+
+def test_a_range_is_not_too_narrow_where_nothing_can_be_measured(estimators):
+    black = LightField(np.zeros((3, 3, 24, 32), np.uint8))
+    (note,) = estimate(black, model=estimators["photometric"]).notes
+    assert note.startswith("too little texture to measure the disparity range")
 
 
 @pytest.mark.parametrize(
