@@ -157,7 +157,8 @@ def write_outputs(
     metrics = compare(estimate.disparity, light_field.ground_truth)
     signal = has_signal(light_field, estimate.confidence)
     in_cloud = cloud_mask(estimate, signal, options.min_confidence)
-    notes = (*estimate.notes, *_notes(light_field, metrics, signal, in_cloud, options))
+    file_notes = _notes(light_field, metrics, signal, in_cloud, options)
+    notes = (*estimate.notes, *file_notes)
     maps_of_views = (path.relative_to(folder).as_posix() for path in folder.glob(f"{FOLDER}/*.pfm"))
     with atomic_folder(folder, owned=(*FILES, *maps_of_views), marker=SUMMARY) as temporary:
         if "maps" in options.save:
@@ -177,6 +178,7 @@ def write_outputs(
         if estimate.views is not None:
             write_view_maps(estimate.views, light_field, temporary)
         content = summary(estimate, light_field, metrics, notes, command)
+        content["file_notes"] = file_notes
         content["files"] = _names(temporary)
         content["settings"] = settings
         text = json.dumps(content, indent=2)

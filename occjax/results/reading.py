@@ -45,6 +45,7 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
     deviation, confidence = optional("standard_deviation.npy"), optional("confidence.npy")
     unknown = np.full_like(disparity, np.nan)
     stages = optional("stages.npy")
+    file_notes = summary.get("file_notes", ())  # older folders have none
     if light_field is None:
         light_field = _stored_light_field(folder, summary, optional("ground_truth.npy"))
     elif light_field.image_size != disparity.shape:
@@ -63,7 +64,7 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
         coarse=None if stages is None else stages[0],
         stages=() if stages is None else tuple(stages),
         occlusion=optional("occlusion.npy"),
-        notes=tuple(summary["notes"]),
+        notes=tuple(note for note in summary["notes"] if note not in file_notes),
         seconds=summary["seconds"],
         light_field=light_field,
         views=read_view_maps(folder),

@@ -25,6 +25,7 @@
 ``command``                   string or null, the command line
 ``versions``                  {occjax, jax, numpy, python}, strings
 ``notes``                     list of sentences for the user
+``file_notes``                list of those notes that are on the files, not on the estimate
 ``files``                     list of the names of the other files that were written
 ``settings``                  null, or what ``occjax estimate`` made the files from: {occjax,
                               source_sha256, model, model_sha256, options, files_sha256}; a second

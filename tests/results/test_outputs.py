@@ -213,6 +213,15 @@ def test_an_estimate_is_the_same_after_saving_and_loading(tmp_path, tolerance):
         Estimate.load(tmp_path, light_field=LightField(np.zeros((3, 3, 5, 5), np.uint8)))
 
 
+def test_notes_on_the_files_are_only_those_of_the_files_that_were_written_last(tmp_path):
+    first = write_outputs(estimate(), light_field(), tmp_path / "first", EVERYTHING)
+    assert any("points.ply" in note for note in first.notes)
+    for what, notes in (("all", first.notes), ("maps", ("a 3x3 grid is small",))):
+        outputs = Estimate.load(tmp_path / "first").save(tmp_path / what, what=what)
+        assert outputs.notes == notes
+        assert json.loads((tmp_path / what / "summary.json").read_text())["notes"] == list(notes)
+
+
 def test_a_folder_of_an_older_version_is_loaded_and_others_are_refused(tmp_path):
     write_outputs(estimate(), light_field(), tmp_path)
     for name in ("centre.png", "standard_deviation.npy"):
