@@ -126,8 +126,8 @@ class Estimate:
             The files that were written, with notes and scores.
 
         Raises:
-            InputError: If the estimate has no light field, a name is unknown, or the folder cannot
-                be written.
+            InputError: If the estimate has no light field, ``what`` is empty or has an unknown
+                name, or the folder cannot be written.
 
         Example:
             >>> import tempfile

@@ -84,6 +84,8 @@ class OutputOptions:
 
     def __post_init__(self) -> None:
         """Check the names and the confidence."""
+        if not self.save:
+            raise InputError(f"nothing to save; pass all or some of {', '.join(GROUPS)}")
         for name in self.save:
             if name not in GROUPS:
                 raise InputError(f"{name} is nothing to save; {nearest(name, GROUPS)}")
@@ -99,7 +101,7 @@ def output_options(save: str | tuple[str, ...], min_confidence: float | None) ->
         min_confidence: See :class:`OutputOptions`.
 
     Raises:
-        InputError: If a name is unknown or the confidence is outside [0, 1].
+        InputError: If there is no name or an unknown one, or the confidence is outside [0, 1].
 
     Example:
         >>> output_options("maps, cloud", None).save

@@ -242,3 +242,9 @@ def test_a_folder_of_an_older_version_is_loaded_and_others_are_refused(tmp_path)
 def test_a_confidence_that_is_none_is_refused(value):
     with pytest.raises(InputError, match="min_confidence"):
         OutputOptions(min_confidence=value)
+
+
+@pytest.mark.parametrize("save", ["", " , ", ()])
+def test_nothing_to_save_is_refused(save):
+    with pytest.raises(InputError, match="nothing to save; pass all or some of maps, pictures"):
+        output_options(save, None)
