@@ -19,7 +19,7 @@ from occjax.evaluation.scene_files import is_scene
 from occjax.io.config import ReadingConfig
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.hci_config import GROUND_TRUTH
-from occjax.io.maps import changed_maps, read_map
+from occjax.io.maps import MAP_FILE, RESULTS, changed_maps, map_of_results, read_map
 
 
 def evaluate_files(
@@ -61,9 +61,13 @@ def evaluate_files(
         25.0
     """
     estimate = read_disparity(estimate_path)
+    ground_truth_path = Path(ground_truth_path)
     if is_scene(ground_truth_path):
-        ground_truth_path = Path(ground_truth_path) / GROUND_TRUTH
-    ground_truth = _read_ground_truth(Path(ground_truth_path))
+        ground_truth_path = ground_truth_path / GROUND_TRUTH
+    elif ground_truth_path.is_dir():
+        accepted = f"the folder of a scene with {GROUND_TRUTH}, {RESULTS}, or a {MAP_FILE}"
+        ground_truth_path = map_of_results(ground_truth_path, accepted=accepted)
+    ground_truth = _read_ground_truth(ground_truth_path)
     if np.array_equal(estimate, ground_truth, equal_nan=True):
         warnings.warn(
             f"{estimate_path} and {ground_truth_path} are the same map; the errors are 0",
@@ -133,6 +137,11 @@ def read_disparity(path: Path | str) -> np.ndarray:
         >>> read_disparity(path).tolist()
         [[1.0, 2.0]]
     """
+    if is_scene(path) and not (Path(path) / "disparity.pfm").is_file():
+        raise InputError(
+            f"{path}: is the folder of a scene; to compare an estimate with its ground truth, pass "
+            f"{RESULTS} or a {MAP_FILE} as well"
+        )
     values = read_map(path, quantity="disparity").values
     largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     # Beyond one side of the map no point is seen in two neighbouring views. The factor of ten lets

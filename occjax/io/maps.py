@@ -25,6 +25,12 @@ UNITS: dict[Quantity, str] = {"disparity": "pixels per view step", "depth": "met
 MAP_SUFFIXES = (".pfm", ".npy", ".png")
 """Suffixes of map files that are read and written, in lower case."""
 
+MAP_FILE = f"{', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
+"""Files of :data:`MAP_SUFFIXES`, in words."""
+
+RESULTS = "a folder that occjax estimate wrote"
+"""A folder of results, in words."""
+
 READ_ONLY_SUFFIXES = (".tif", ".tiff", ".exr")
 """Suffixes of map files that are only read, with floating point values."""
 
@@ -40,6 +46,41 @@ class Map:
 
     values: np.ndarray
     quantity: Quantity
+
+
+def map_of_results(folder: Path, *, accepted: str = RESULTS) -> Path:
+    """Return the disparity map in a folder of results.
+
+    Args:
+        folder: Folder that ``occjax estimate`` or :meth:`Estimate.save` wrote.
+        accepted: What the user can pass, for the message.
+
+    Returns:
+        Path of its ``disparity.pfm``.
+
+    Raises:
+        InputError: If there is none. The message says whether the results were saved without maps,
+            or lie in folders inside of this one.
+    """
+    with reading(folder):
+        folder.stat()
+    path = folder / "disparity.pfm"
+    if path.is_file():
+        return path
+    if (folder / "summary.json").is_file():
+        raise InputError(
+            f"{folder}: its results were saved without maps; estimate again and add maps to --save"
+        )
+    inside = sorted(path.parent for path in folder.glob("*/disparity.pfm"))
+    if not inside:
+        raise InputError(f"{folder}: contains no disparity.pfm; pass {accepted}")
+    if len(inside) == 1:
+        raise InputError(f"{folder}: contains the results of one scene; pass {inside[0]}")
+    names = ", ".join(path.name for path in inside[:5]) + ", ..." * (len(inside) > 5)
+    raise InputError(
+        f"{folder}: contains the results of {len(inside)} scenes ({names}); pass one of them, such "
+        f"as {inside[0]}"
+    )
 
 
 def read_map(
@@ -77,12 +118,7 @@ def read_map(
     with reading(path):
         path.stat()
     if path.is_dir():
-        folder, path = path, path / "disparity.pfm"
-        if not path.is_file():
-            raise InputError(
-                f"{folder}: a folder without disparity.pfm, so not a folder of results; "
-                f"name a {', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
-            )
+        path = map_of_results(path, accepted=f"{RESULTS} or a {MAP_FILE}")
     suffix = path.suffix.lower()
     if suffix != ".png" and (scale is not None or offset is not None):
         raise InputError(f"{path}: --scale and --offset apply only to a PNG; pass neither")

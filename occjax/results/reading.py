@@ -11,7 +11,7 @@ from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
 from occjax.io.arrays import read_npy
 from occjax.io.images import read_image
-from occjax.io.maps import read_map
+from occjax.io.maps import map_of_results, read_map
 from occjax.lightfield import LightField, centre_index
 from occjax.results.outputs import cloud_mask, has_signal
 from occjax.results.summary import SUMMARY, read_summary, stored_calibration
@@ -27,7 +27,7 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
         light_field: The light field that was estimated, if you have it.
     """
     folder = Path(folder)
-    disparity = read_map(folder).values
+    disparity = read_map(map_of_results(folder)).values
     summary = read_summary(folder / SUMMARY)
 
     def optional(name: str) -> np.ndarray | None:

@@ -19,7 +19,7 @@ from occjax.errors import InputError
 from occjax.estimators.driver import with_report
 from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
-from occjax.io.maps import read_map
+from occjax.io.maps import map_of_results, read_map
 from occjax.layout import registered
 from occjax.lightfield import LightField, whole_grid
 from occjax.results.summary import SUMMARY, read_summary, stored_calibration
@@ -205,16 +205,7 @@ def _result_folder(path: Path) -> Path:
     inside = list(dict.fromkeys(inside))
     if len(inside) == 1:
         return inside[0]
-    if inside:
-        names = ", ".join(folder.name for folder in inside[:5])
-        raise InputError(
-            f"{path}: contains the results of {len(inside)} scenes ({names}"
-            f"{', ...' if len(inside) > 5 else ''}); pass one of them, such as {inside[0]}"
-        )
-    raise InputError(
-        f"{path}: contains no disparity.npy or disparity.pfm; pass a folder that occjax estimate "
-        "wrote"
-    )
+    return map_of_results(path).parent  # says what the folder contains
 
 
 def _map_of(path: Path) -> Path:

@@ -95,6 +95,18 @@ def test_measures_of_regions_need_a_scene(run, scene):
     assert "is the folder of a scene" in err
 
 
+def test_the_missing_one_of_estimate_and_ground_truth_is_named(run, scene, tmp_path):
+    for options in ((), ("--metrics", "all")):
+        code, _, err = run("evaluate", scene, scene, *options)
+        assert code == 2
+        assert f"{scene}: is the folder of a scene; to compare an estimate with" in err
+    (scene / "gt_disp_lowres.pfm").unlink()
+    np.save(tmp_path / "estimate.npy", np.zeros((32, 40)))
+    code, _, err = run("evaluate", tmp_path / "estimate.npy", scene)
+    assert code == 2
+    assert "pass the folder of a scene with gt_disp_lowres.pfm" in err
+
+
 def test_check_names_the_view_order_and_how_to_pass_it(run, scene):
     code, out, err = run("check", scene)
     assert (code, err) == (0, "")

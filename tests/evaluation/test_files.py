@@ -76,7 +76,7 @@ def test_whole_numbers_are_disparities_too(tmp_path):
         ("bad.npy", lambda path: np.save(path, np.zeros((3, 4), complex)), "real numbers"),
         ("bad.npy", lambda path: np.save(path, np.zeros((3, 4), bool)), "real numbers"),
         ("bad.npz", lambda path: np.savez(path, np.zeros((3, 4))), r"save .* as a \.npy file"),
-        ("bad", lambda path: path.mkdir(), r"without disparity\.pfm.*name a"),
+        ("bad", lambda path: path.mkdir(), r"no disparity\.pfm; pass .* or a \.pfm, \.npy"),
         ("bad.npy", lambda path: np.save(path, np.zeros((3, 4, 3))), r"holds \[3, 4, 3\]"),
         ("bad.npy", lambda path: np.save(path, np.zeros((0, 4))), r"holds \[0, 4\]"),
         ("bad.npy", lambda path: np.save(path, np.zeros((3, 5))), "same scene and resolution"),

@@ -73,7 +73,19 @@ def test_of_a_folder_of_results_the_disparity_is_read(tmp_path):
     write_map(tmp_path / "disparity.pfm", Map(VALUES, "disparity"))
     np.testing.assert_array_equal(read_map(tmp_path).values, VALUES)
     (tmp_path / "disparity.pfm").unlink()
-    with pytest.raises(InputError, match=r"without disparity\.pfm"):
+    with pytest.raises(InputError, match=r"no disparity\.pfm; pass a folder .* or a \.pfm, \.npy"):
+        read_map(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("scenes", "message"),
+    [("a", r"of one scene; pass .*/a$"), ("ab", r"of 2 scenes \(a, b\); pass .*, such as .*/a$")],
+)
+def test_in_a_folder_of_several_results_they_are_named(tmp_path, scenes, message):
+    for name in scenes:
+        (tmp_path / name).mkdir()
+        write_map(tmp_path / name / "disparity.pfm", Map(VALUES, "disparity"))
+    with pytest.raises(InputError, match=message):
         read_map(tmp_path)
 
 

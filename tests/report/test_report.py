@@ -191,7 +191,7 @@ def test_a_large_scene_is_decimated_to_less_than_5_mb(tmp_path):
 def test_what_cannot_be_reported_is_refused(tmp_path, results):
     with pytest.raises(InputError, match="no scene"):
         write_report(tmp_path / "report.html", [])
-    with pytest.raises(InputError, match="not a folder of results"):
+    with pytest.raises(InputError, match=r"pass a folder that occjax estimate wrote$"):
         read_scenes((tmp_path,))
     older = shutil.copytree(results[0] / "little", tmp_path / "older")
     (older / "centre.png").unlink()

@@ -9,7 +9,7 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.estimators import Estimate
-from occjax.io import read_pfm
+from occjax.io import read_map, read_pfm
 from occjax.lightfield import LightField
 from occjax.results.outputs import FILES, OutputOptions, output_options, write_outputs
 from tests.io.test_ply import read_vertices
@@ -234,8 +234,16 @@ def test_a_folder_of_an_older_version_is_loaded_and_others_are_refused(tmp_path)
     (tmp_path / "summary.json").write_text("{}")
     with pytest.raises(InputError, match=r"summary\.json: cannot be decoded"):
         Estimate.load(tmp_path)
-    with pytest.raises(InputError, match="not a folder of results"):
-        Estimate.load(tmp_path / "..")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"pass a folder that occjax estimate wrote$"):
+        Estimate.load(tmp_path / "empty")
+
+
+def test_results_that_were_saved_without_maps_are_refused_with_the_remedy(tmp_path):
+    write_outputs(estimate(), light_field(), tmp_path, OutputOptions(("occlusion",)))
+    for read in (Estimate.load, read_map):
+        with pytest.raises(InputError, match=r"saved without maps; .* add maps to --save"):
+            read(tmp_path)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.5, float("nan")])

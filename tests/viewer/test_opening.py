@@ -89,7 +89,7 @@ def test_another_view_is_shown_with_the_views_around_it(tmp_path, light_field, e
 def test_what_cannot_be_shown_is_named(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_scene([tmp_path / "nothing"])
-    with pytest.raises(InputError, match=r"no disparity\.npy"):
+    with pytest.raises(InputError, match=r"no disparity\.pfm"):
         read_scene([tmp_path])
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
