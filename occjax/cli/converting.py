@@ -17,7 +17,13 @@ from occjax.io.hci_config import PARAMETERS, read_hci_config
 from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity
 from occjax.lightfield import Calibration
 from occjax.results.conversion import convert_map, normals, point_cloud, write_points
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import (
+    SUMMARY,
+    read_summary,
+    stored_calibration,
+    view_name,
+    view_of_map,
+)
 
 Target = Literal["disparity", "depth", "normals", "points"]
 
@@ -126,6 +132,12 @@ def convert_command(
 
         centre, mask = stored_cloud(source) if source.is_dir() else (None, None)
         if scene is not None:
+            view = view_of_map(source)
+            if view not in (None, view_name(None)):
+                raise InputError(
+                    f"{source}: is of the {view}, but the colours of --scene are those of the "
+                    "centre view; leave out --scene"
+                )
             centre = view_order.load(scene, check_orientation=False).centre
         written = _write_points(target, content, calibration, centre, mask)
     elif quantity == "normals":

@@ -165,7 +165,7 @@ class Estimate:
 
         Raises:
             InputError: If the folder has no disparity map or no summary, a file is damaged, or the
-                light field has another size.
+                light field has another size or is around another view.
         """
         from occjax.results.reading import read_estimate
 

@@ -20,6 +20,7 @@ from occjax.io.config import ReadingConfig
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.hci_config import GROUND_TRUTH
 from occjax.io.maps import MAP_FILE, RESULTS, changed_maps, map_of_results, read_map
+from occjax.results.summary import view_name, view_of_map
 
 
 def evaluate_files(
@@ -45,8 +46,8 @@ def evaluate_files(
         The :class:`occjax.evaluation.Metrics`.
 
     Raises:
-        InputError: If a file cannot be read as a disparity map, or the maps cannot be compared; the
-            message names the files.
+        InputError: If a file cannot be read as a disparity map, or the maps cannot be compared,
+            for instance because they belong to different views; the message names the files.
 
     Warns:
         UserWarning: If one of the maps is upside down, mirrored or has the opposite sign, or both
@@ -67,6 +68,7 @@ def evaluate_files(
     elif ground_truth_path.is_dir():
         accepted = f"the folder of a scene with {GROUND_TRUTH}, {RESULTS}, or a {MAP_FILE}"
         ground_truth_path = map_of_results(ground_truth_path, accepted=accepted)
+    check_views(Path(estimate_path), ground_truth_path)
     ground_truth = _read_ground_truth(ground_truth_path)
     if np.array_equal(estimate, ground_truth, equal_nan=True):
         warnings.warn(
@@ -89,6 +91,24 @@ def _read_ground_truth(path: Path) -> np.ndarray:
             raise InputError(f"{path}: has no ground truth; name a file of the true disparity")
         return truth
     return read_disparity(path)
+
+
+def check_views(estimate: Path, ground_truth: Path) -> None:
+    """Raise an :class:`InputError` if two maps are known to belong to different views.
+
+    Args:
+        estimate: A map of disparity or a folder of results.
+        ground_truth: The same, or the ground truth of a scene, which is that of the centre view:
+            ``gt_disp_lowres.pfm`` or an HDF5 file.
+    """
+    estimated, true = view_of_map(estimate), view_of_map(ground_truth)
+    if ground_truth.name == GROUND_TRUTH or ground_truth.suffix.lower() in CONTAINER_SUFFIXES:
+        true = view_name(None)
+    if None not in (estimated, true) and estimated != true:
+        raise InputError(
+            f"{estimate}: is of the {estimated}, but {ground_truth} is of the {true}; pass maps of "
+            "one view"
+        )
 
 
 def _warn_of_a_changed_map(

@@ -14,7 +14,7 @@ from occjax.io.images import read_image
 from occjax.io.maps import map_of_results, read_map
 from occjax.lightfield import LightField, centre_index
 from occjax.results.outputs import cloud_mask, has_signal
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration, view_name
 from occjax.results.view_maps import read_view_maps
 
 
@@ -53,6 +53,11 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
             f"{folder}: has a map of {list(disparity.shape)} pixels, but the views of "
             f"{light_field.name} are {list(light_field.image_size)}; pass the light field that was "
             "estimated"
+        )
+    elif (own := view_name(summary.get("view"))) != (other := view_name(light_field.view)):
+        raise InputError(
+            f"{folder}: is of the {own}, but the light field {light_field.name} is around the "
+            f"{other}; pass results of the {other}"
         )
     return Estimate(
         disparity=disparity,

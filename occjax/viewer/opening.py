@@ -22,7 +22,7 @@ from occjax.io.loading import load
 from occjax.io.maps import map_of_results, read_map
 from occjax.layout import registered
 from occjax.lightfield import LightField, whole_grid
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration, view_name
 from occjax.viewer.config import LOOPBACK, ViewerConfig
 from occjax.viewer.scene import ViewedResult, ViewedScene
 
@@ -118,8 +118,8 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
     for path, summary in zip(paths, summaries, strict=True):
         if summary is not None and summary.get("view") != first.get("view"):
             raise InputError(
-                f"{path}: {_view_text(summary)}, but {paths[0]}: {_view_text(first)}; show results "
-                "of one view"
+                f"{path}: is of the {view_name(summary.get('view'))}, but {paths[0]}: is of the "
+                f"{view_name(first.get('view'))}; show results of one view"
             )
     if light_field is None:
         try:
@@ -220,11 +220,6 @@ def _around(light_field: LightField, view: Sequence[int] | None) -> LightField:
         v, u = view
         light_field = with_report(light_field).around((v, u))
     return registered(light_field)[0]
-
-
-def _view_text(summary: dict[str, Any]) -> str:
-    view = summary.get("view")
-    return f"is of the view ({view[0]}, {view[1]})" if view else "is of the centre view"
 
 
 def _views_of(summary: dict[str, Any]) -> LightField:

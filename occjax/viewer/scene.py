@@ -10,6 +10,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.lightfield import Calibration, LightField
+from occjax.results.summary import view_name
 from occjax.viz.pictures import view_picture
 
 
@@ -82,8 +83,7 @@ class ViewedScene:
     @property
     def view_name(self) -> str:
         """Name of the view that the maps are of: ``"centre view"`` or ``"view (v, u)"``."""
-        view = None if self.light_field is None else self.light_field.view
-        return "centre view" if view is None else f"view ({view[0]}, {view[1]})"
+        return view_name(None if self.light_field is None else self.light_field.view)
 
     @cached_property
     def centre(self) -> np.ndarray | None:

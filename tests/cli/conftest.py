@@ -4,7 +4,9 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
+from occjax.estimators import Estimate
 from occjax.io import write_pfm
+from occjax.lightfield import LightField
 from tests.scenes import plane
 
 
@@ -34,3 +36,24 @@ def write_scene():
 def scene(tmp_path, write_scene):
     """Folder of 9x9 views of 32x40 pixels of a plane of disparity 0.5."""
     return write_scene(tmp_path / "scene")
+
+
+@pytest.fixture
+def result(tmp_path):
+    """Folder of results with the disparity of ``scene``, except for one pixel without a value."""
+    return save_plane(tmp_path / "result", view=None)
+
+
+@pytest.fixture
+def corner_result(tmp_path):
+    """The same for the view (0, 8) of the scene."""
+    return save_plane(tmp_path / "corner", view=(0, 8))
+
+
+def save_plane(folder, view):
+    disparity = np.full((32, 40), 0.5, np.float32)
+    disparity[0, 0] = np.nan
+    wall = LightField(np.zeros((9, 9, 32, 40), np.uint8))
+    wall = wall if view is None else wall.around(view)
+    estimate = Estimate(disparity, disparity, disparity, (-1.0, 1.0), "mine", light_field=wall)
+    return estimate.save(folder, what="maps").folder

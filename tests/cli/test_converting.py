@@ -256,3 +256,10 @@ def test_the_help_has_one_example_per_line(run):
         "$ occjax convert disparity.pfm cloud.ply --scene SCENE\n",
     ):
         assert example in out
+
+
+def test_the_colours_of_the_centre_view_are_not_those_of_another_view(run, scene, corner_result):
+    code, _, err = run(corner_result, "cloud.ply", "--scene", scene)
+    assert code == 2
+    assert "is of the view (0, 8), but the colours of --scene are those of the centre view" in err
+    assert run(corner_result, "cloud.ply")[0] == 0

@@ -107,6 +107,35 @@ def test_the_missing_one_of_estimate_and_ground_truth_is_named(run, scene, tmp_p
     assert "pass the folder of a scene with gt_disp_lowres.pfm" in err
 
 
+@pytest.mark.parametrize("options", [(), ("--metrics", "badpix_0.07")])
+def test_an_estimate_of_another_view_is_refused(run, scene, result, corner_result, options):
+    message = r"is of the view (0, 8), but {} is of the centre view; pass maps of one view"
+    truth = scene / "gt_disp_lowres.pfm"
+    for estimate in (corner_result, corner_result / "disparity.npy"):
+        code, _, err = run("evaluate", estimate, scene, *options)
+        assert code == 2
+        assert message.format(truth) in err
+    assert run("evaluate", result, scene, "--border", 2)[0] == 0
+
+
+def test_a_map_is_compared_with_the_ground_truth_of_its_own_view(run, scene, result, corner_result):
+    code, _, err = run("evaluate", corner_result, result)
+    assert code == 2
+    assert f"{result / 'disparity.pfm'} is of the centre view" in err
+    truth = corner_result / "true.npy"  # a file of the user, which may be of any view
+    np.save(truth, np.full((32, 40), 0.5))
+    for folder in (corner_result, result):
+        code, out, err = run("evaluate", folder, truth)
+        assert code == 0, err
+        assert "MSE x100     0.000" in out
+
+
+def test_a_summary_of_another_program_says_nothing_on_the_view(run, scene, corner_result):
+    (corner_result / "summary.json").write_text('{"view": [0, 8]}')
+    code, _, err = run("evaluate", corner_result, scene)
+    assert code == 0, err
+
+
 def test_check_names_the_view_order_and_how_to_pass_it(run, scene):
     code, out, err = run("check", scene)
     assert (code, err) == (0, "")

@@ -4,21 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from occjax.estimators import Estimate
 from occjax.io import read_image
-from occjax.lightfield import LightField, centre_index
-
-SIZE = (32, 40)
-
-
-@pytest.fixture
-def result(tmp_path):
-    """Folder of results with the true disparity of the scene."""
-    disparity = np.full(SIZE, 0.5, np.float32)
-    disparity[0, 0] = np.nan
-    wall = LightField(np.zeros((9, 9, *SIZE), np.uint8))
-    estimate = Estimate(disparity, disparity, disparity, (-1.0, 1.0), "mine", light_field=wall)
-    return estimate.save(tmp_path / "result", what="maps").folder
+from occjax.lightfield import centre_index
 
 
 def test_a_plane_is_sharp_at_the_disparity_of_its_pixel(run, scene, result, tmp_path):
@@ -83,3 +70,10 @@ def test_pixels_outside_and_without_a_value_are_refused(run, scene, result):
         )
         assert code == 2
         assert message in err
+
+
+@pytest.mark.parametrize("mode", [("--at", 10, 20), ("--all-in-focus",)])
+def test_results_of_another_view_are_refused(run, scene, corner_result, mode):
+    code, _, err = run("refocus", scene, *mode, "--result", corner_result, "-o", "picture.png")
+    assert code == 2
+    assert "is of the view (0, 8), but the light field scene is around the centre view" in err
