@@ -14,6 +14,8 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
     correct = declared.then(report.best)
     if report.disorder == "serpentine":
         lines.append("view order: every second row runs backwards; pass --order serpentine")
+    elif report.disorder == "grid":
+        lines.append("view order: unknown, the grid or the order of the views is probably wrong")
     elif report.clearly_worse:
         flip = f" --flip {correct.flip}" if correct.flip else ""
         lines.append(f"view order: {report.best.name}; pass --order {correct.order}{flip}")

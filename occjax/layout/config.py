@@ -161,6 +161,9 @@ class ViewOrderConfig:
         wrong_grid_disparity: See ``wrong_grid_fraction``, in pixels per view step.
         wrong_grid_span: Range of disparity, relative to the largest candidate, above which views
             that are equally consistent in all view orders are not a light field.
+        max_misplaced_fraction: Fraction of views nearer to another place of the grid than to their
+            own above which the grid or the order of the views is wrong. Wrong grids have 0.44 and
+            more, positions with errors of 0.3 view steps (standard deviation) about 0.1.
         brightness: Settings of the measurement of brightness.
         registration: Settings of the measurement of view spacing, shifts and camera positions.
     """
@@ -203,5 +206,6 @@ class ViewOrderConfig:
     wrong_grid_fraction: float = 0.85
     wrong_grid_disparity: float = 0.3
     wrong_grid_span: float = 1.6
+    max_misplaced_fraction: float = 0.3
     brightness: BrightnessConfig = BrightnessConfig()
     registration: RegistrationConfig = RegistrationConfig()

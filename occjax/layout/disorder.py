@@ -18,8 +18,8 @@ from occjax.layout.orientation import Orientation, straightened
 from occjax.layout.readings import best_reading
 from occjax.lightfield import LightField, centre_index, view_offsets
 
-Disorder = Literal["serpentine", "centre"]
-"""Every second row runs backwards, or the centre view is not in its place."""
+Disorder = Literal["serpentine", "centre", "grid"]
+"""Every second row runs backwards, the centre view is not in its place, or many views are not."""
 
 
 def recentred(light_field: LightField, axis: int) -> tuple[LightField, tuple[slice, ...]] | None:

@@ -80,6 +80,21 @@ class Registration:
             )
         return tuple(notes)
 
+    @property
+    def misplaced(self) -> np.ndarray:
+        """``[V, U]`` bool, views nearer to another place of the regular grid than to their own.
+
+        Example:
+            >>> positions = np.array([[[0.0, -1.2], [0.0, 0.0], [0.0, -0.9]]])
+            >>> Registration(1.0, positions, None, np.zeros((1, 3), bool)).misplaced.tolist()
+            [[False, False, True]]
+        """
+        if self.positions is None:
+            return np.zeros(self.moved.shape, bool)
+        regular = view_offsets(*self.moved.shape, column_spacing=self.spacing)
+        steps = np.abs(self.positions - regular) / [1.0, self.spacing]
+        return steps.max(-1) > 0.5
+
     def apply(self, light_field: LightField) -> LightField:
         """Return the light field with the measured positions and with the shifts undone.
 

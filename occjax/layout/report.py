@@ -64,7 +64,8 @@ class ViewOrderReport:
         relative_spacing: Spacing of the view columns relative to the declared camera positions, if
             the two clearly disagree; nothing is corrected then.
         disorder: Cause of inconsistent views other than the view order: ``"serpentine"`` if every
-            second row runs backwards, ``"centre"`` if the centre view is not in its place.
+            second row runs backwards, ``"centre"`` if the centre view is not in its place,
+            ``"grid"`` if neither explains why many views are not in their places.
     """
 
     scores: dict[str, float]
@@ -100,6 +101,15 @@ class ViewOrderReport:
             return (
                 f"the centre view ({row}, {column}) is not in its place in the grid; without it "
                 "the other views are consistent; exchange its file with the right one",
+                *notes,
+            )
+        if self.disorder == "grid" and self.registration is not None:
+            misplaced = self.registration.misplaced
+            rows, columns = misplaced.shape
+            return (
+                f"{misplaced.sum()} of {misplaced.size} views are nearer to another place of the "
+                f"{rows}x{columns} grid than to their own; the grid or the order of the views is "
+                "probably wrong; pass grid (--grid V U), order (--order) or pattern (--pattern)",
                 *notes,
             )
         return notes
@@ -180,7 +190,10 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     if disorder == "serpentine":
         return dataclasses.replace(report, disorder=disorder, best=DECLARED, clearly_worse=False)
     if disorder == "centre":
-        return _report_without_centre(light_field, measured, config)
+        report = _report_without_centre(light_field, measured, config)
+    misplaced = 0.0 if report.registration is None else report.registration.misplaced.mean()
+    if report.disorder is None and misplaced > config.max_misplaced_fraction:
+        return dataclasses.replace(report, disorder="grid")
     return report
 
 

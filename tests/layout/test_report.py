@@ -388,5 +388,29 @@ def test_the_neighbours_of_the_centre_view_may_be_exchanged(scene):
     np.testing.assert_allclose(found, [[1, 0], [-1, 0]], atol=0.1)
 
 
+@pytest.mark.parametrize("grid", [(6, 4), (3, 8)])
+def test_a_wrong_grid_causes_a_warning(tmp_path, grid):
+    """Views of a 4x6 grid, read with other numbers of rows and columns."""
+    views = two_planes((4, 6))[0]
+    path = tmp_path / "views.npy"
+    np.save(path, views.reshape(*grid, *views.shape[2:]))
+    with pytest.warns(ViewOrderWarning, match="the grid or the order of the views is probably wr"):
+        light_field = load(path)
+    text = format_report(check(light_field), DECLARED)
+    assert "view order: unknown, the grid" in text
+    assert "view order: as declared" not in text
+    assert "pass grid (--grid V U)" in text
+
+
+def test_inexact_positions_and_shifts_of_all_views_are_no_wrong_grid():
+    generator = np.random.default_rng(1)
+    errors, shifts = generator.normal(0.0, 0.3, (2, 5, 5, 2))
+    errors[2, 2] = shifts[2, 2] = 0.0
+    report = check(LightField(two_planes(positions=view_offsets(5, 5) + errors)[0]))
+    assert report.registration.moved.mean() > 0.5
+    assert report.disorder is None
+    assert check(LightField(two_planes(shifts=5 * shifts)[0])).disorder is None
+
+
 def test_clean_views_have_no_disorder(report):
     assert report.disorder is None
