@@ -55,6 +55,16 @@ def centre_index(grid: tuple[int, ...]) -> tuple[int, int]:
     return v // 2, u // 2
 
 
+def view_name(view: Sequence[int] | None) -> str:
+    """Return the name of a view: ``"centre view"`` or ``"view (v, u)"``.
+
+    Example:
+        >>> view_name(None), view_name([0, 2])
+        ('centre view', 'view (0, 2)')
+    """
+    return "centre view" if view is None else f"view ({view[0]}, {view[1]})"
+
+
 def view_offsets(v: int, u: int, *, column_spacing: float = 1.0) -> np.ndarray:
     """Return the offset of each view of a regular grid from the centre view.
 

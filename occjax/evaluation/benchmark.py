@@ -59,7 +59,7 @@ from typing import Any
 import numpy as np
 
 from occjax.errors import InputError, nearest
-from occjax.evaluation.files import check_views, read_disparity
+from occjax.evaluation.files import check_same_view, read_disparity
 from occjax.evaluation.metrics import (
     BAD_PIXEL_THRESHOLD,
     BORDER,
@@ -324,7 +324,7 @@ def _read_comparison(folder: Path, estimate: Path, border: int) -> _Comparison:
     truth_path = folder / GROUND_TRUTH
     truth = read_pfm(truth_path)
     estimated = read_disparity(estimate)
-    check_views(estimate, truth_path)
+    check_same_view(estimate, truth_path)
     try:
         compared_pixels(estimated, truth, border=border)
     except InputError as error:

@@ -19,8 +19,8 @@ from occjax.evaluation.scene_files import is_scene
 from occjax.io.config import ReadingConfig
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.hci_config import GROUND_TRUTH
-from occjax.io.maps import MAP_FILE, RESULTS, changed_maps, map_of_results, read_map
-from occjax.results.summary import view_name, view_of_map
+from occjax.io.maps import MAP_FILE, RESULTS, changed_maps, map_of_results, read_map, view_of_map
+from occjax.lightfield import view_name
 
 
 def evaluate_files(
@@ -68,7 +68,7 @@ def evaluate_files(
     elif ground_truth_path.is_dir():
         accepted = f"the folder of a scene with {GROUND_TRUTH}, {RESULTS}, or a {MAP_FILE}"
         ground_truth_path = map_of_results(ground_truth_path, accepted=accepted)
-    check_views(Path(estimate_path), ground_truth_path)
+    check_same_view(Path(estimate_path), ground_truth_path)
     ground_truth = _read_ground_truth(ground_truth_path)
     if np.array_equal(estimate, ground_truth, equal_nan=True):
         warnings.warn(
@@ -93,7 +93,7 @@ def _read_ground_truth(path: Path) -> np.ndarray:
     return read_disparity(path)
 
 
-def check_views(estimate: Path, ground_truth: Path) -> None:
+def check_same_view(estimate: Path, ground_truth: Path) -> None:
     """Raise an :class:`InputError` if two maps are known to belong to different views.
 
     Args:

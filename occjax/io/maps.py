@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -16,6 +17,7 @@ from occjax.io.files import reading
 from occjax.io.images import read_image
 from occjax.io.pfm import read_pfm, write_pfm
 from occjax.io.png import read_value_png, write_value_png
+from occjax.lightfield import view_name
 
 Quantity = Literal["disparity", "depth"]
 """Quantity of the values of a map."""
@@ -81,6 +83,25 @@ def map_of_results(folder: Path, *, accepted: str = RESULTS) -> Path:
         f"{folder}: contains the results of {len(inside)} scenes ({names}); pass one of them, such "
         f"as {inside[0]}"
     )
+
+
+def view_of_map(path: Path) -> str | None:
+    """Return the name of the view that a map belongs to, if a summary says so.
+
+    Args:
+        path: A folder of results, or a file.
+
+    Returns:
+        :func:`occjax.lightfield.view_name` of the view that was estimated; None for other folders
+        and files.
+    """
+    folder = path if path.is_dir() else path.parent
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        files = summary["files"]
+    except (OSError, ValueError, TypeError, KeyError):  # perhaps a file of another program
+        return None
+    return view_name(summary.get("view")) if path.is_dir() or path.name in files else None
 
 
 def read_map(

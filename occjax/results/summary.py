@@ -41,14 +41,12 @@ import math
 import platform
 import resource
 import sys
-from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
 from occjax.evaluation.metrics import Metrics
 from occjax.io.files import decoding
@@ -117,36 +115,6 @@ def read_summary(path: Path) -> dict[str, Any]:
             raise ValueError(f"it has no {min(missing)}")
         stored_calibration(content)  # an error here names the file
         return content
-
-
-def view_name(view: Sequence[int] | None) -> str:
-    """Return the name of a view: ``"centre view"`` or ``"view (v, u)"``.
-
-    Example:
-        >>> view_name(None), view_name([0, 2])
-        ('centre view', 'view (0, 2)')
-    """
-    return "centre view" if view is None else f"view ({view[0]}, {view[1]})"
-
-
-def view_of_map(path: Path) -> str | None:
-    """Return the name of the view that a map belongs to, if a summary says so.
-
-    Args:
-        path: A folder of results, or a file.
-
-    Returns:
-        :func:`view_name` of the view that was estimated; None for other folders and files.
-    """
-    folder = path if path.is_dir() else path.parent
-    if not (folder / SUMMARY).is_file():
-        return None
-    try:
-        summary = read_summary(folder / SUMMARY)
-    except InputError:  # Another program may have written a file of this name.
-        return None
-    is_listed = path.is_dir() or path.name in summary.get("files", ())
-    return view_name(summary.get("view")) if is_listed else None
 
 
 _REQUIRED = {

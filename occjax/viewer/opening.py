@@ -21,8 +21,8 @@ from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
 from occjax.io.maps import map_of_results, read_map
 from occjax.layout import registered
-from occjax.lightfield import LightField, whole_grid
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration, view_name
+from occjax.lightfield import LightField, view_name, whole_grid
+from occjax.results.summary import SUMMARY, read_summary, stored_calibration
 from occjax.viewer.config import LOOPBACK, ViewerConfig
 from occjax.viewer.scene import ViewedResult, ViewedScene
 

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.lightfield import Calibration, LightField
-from occjax.results.summary import view_name
+from occjax.lightfield import Calibration, LightField, view_name
 from occjax.viz.pictures import view_picture
 
 
