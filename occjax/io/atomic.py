@@ -149,7 +149,21 @@ def check_writable(folder: str | Path) -> None:
         ...     print(str(error).removeprefix(str(path)))
         : cannot be written (it is a file); choose another place
     """
-    folder = Path(folder)
+    folder, tests = Path(folder), 100
+    for test in range(tests):
+        try:
+            _create_and_remove(folder)
+            return
+        except OSError as error:
+            # Of two processes that test one folder, each removes what the other one has found.
+            disturbed = isinstance(error, FileNotFoundError | FileExistsError)
+            if not disturbed or test == tests - 1:
+                raise CannotWriteError(folder, _reason(error)) from error
+            time.sleep(1e-4 * test)
+
+
+def _create_and_remove(folder: Path) -> None:
+    """Create a folder in a folder, which may not exist yet, and remove all that was created."""
     created: list[Path] = []
     try:
         missing = list(takewhile(lambda place: not place.exists(), (folder, *folder.parents)))
@@ -160,8 +174,6 @@ def check_writable(folder: str | Path) -> None:
         for place in (*reversed(missing), _temporary_path(folder / "new")):
             place.mkdir()
             created.append(place)
-    except OSError as error:
-        raise CannotWriteError(folder, _reason(error)) from error
     finally:
         for place in reversed(created):
             with suppress(OSError):

@@ -126,7 +126,7 @@ def train(
     folder, run = Path(folder), run or RunConfig()
     if not is_first_process():
         say = _quiet
-    check_writable(folder)
+    on_first_process(lambda: check_writable(folder))
     check_scenes(validation, config.network)
     initial_file = None if initial_weights is None else find_weights(initial_weights)
     say(f"{folder}: preparing the first batch")

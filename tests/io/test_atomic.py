@@ -1,5 +1,6 @@
 import errno
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -157,6 +158,12 @@ def test_the_temporary_folder_is_inside_an_existing_folder(tmp_path):
     # It may be the root of a file system, and files cannot be renamed across file systems.
     with atomic_folder(tmp_path) as temporary:
         assert temporary.parent == tmp_path
+
+
+def test_several_checks_of_one_missing_folder_do_not_disturb_each_other(tmp_path):
+    with ThreadPoolExecutor(4) as pool:
+        checks = pool.map(lambda _: check_writable(tmp_path / "results" / "today"), range(2000))
+        assert list(checks) == [None] * 2000  # an error would be raised here
 
 
 def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
