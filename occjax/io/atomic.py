@@ -15,6 +15,7 @@ import re
 import secrets
 import shutil
 import socket
+import stat
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -168,7 +169,7 @@ def _create_and_remove(folder: Path) -> None:
     try:
         missing = list(takewhile(lambda place: not place.exists(), (folder, *folder.parents)))
         present = missing[-1].parent if missing else folder
-        if not present.is_dir():
+        if not stat.S_ISDIR(present.stat().st_mode):  # another process may have removed it
             itself = "it" if present == folder else present
             raise CannotWriteError(folder, f"{itself} is a file")
         for place in (*reversed(missing), _temporary_path(folder / "new")):
