@@ -14,10 +14,10 @@ from occjax.errors import InputError
 from occjax.io import Map, read_map, write_map, write_normals
 from occjax.io.files import reading
 from occjax.io.hci_config import PARAMETERS, read_hci_config
-from occjax.io.maps import MAP_SUFFIXES, UNITS, Quantity, view_of_map
+from occjax.io.maps import MAP_SUFFIXES, SUMMARY, UNITS, Quantity, view_of_map
 from occjax.lightfield import Calibration, view_name
 from occjax.results.conversion import convert_map, normals, point_cloud, write_points
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import read_summary, stored_calibration
 
 Target = Literal["disparity", "depth", "normals", "points"]
 

@@ -16,9 +16,9 @@ import numpy as np
 import occjax
 from occjax.estimators import Estimator
 from occjax.estimators.driver import program_identity
+from occjax.io.maps import SUMMARY
 from occjax.programs import source_sha256
 from occjax.results.outputs import FILES
-from occjax.results.summary import SUMMARY
 
 
 def estimator_settings(estimator: Estimator, options: Mapping[str, Any]) -> dict[str, Any]:

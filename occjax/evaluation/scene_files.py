@@ -19,6 +19,7 @@ from occjax.errors import InputError
 from occjax.io.files import decoding
 from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS, read_hci_config
 from occjax.io.images import read_image
+from occjax.io.maps import SUMMARY
 from occjax.lightfield import Calibration
 
 MASK_FILES = ("mask_{}_lowres.png", "mask_{}.png", "masks/{}.png", "mask_{}_highres.png")
@@ -140,7 +141,7 @@ def read_seconds(estimate: Path | str) -> float:
         path = folder.parent / "runtimes" / f"{estimate.stem}.txt"
         advice = "write the seconds of the scene to it"
     else:
-        path, advice = folder / "summary.json", "pass the folder that occjax estimate wrote"
+        path, advice = folder / SUMMARY, "pass the folder that occjax estimate wrote"
     if not path.is_file():
         raise MissingFileError(
             f"{path}: there is no such file, so the run time is unknown; {advice}", path.name

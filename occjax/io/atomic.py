@@ -169,7 +169,8 @@ def _create_and_remove(folder: Path) -> None:
     try:
         missing = list(takewhile(lambda place: not place.exists(), (folder, *folder.parents)))
         present = missing[-1].parent if missing else folder
-        if not stat.S_ISDIR(present.stat().st_mode):  # another process may have removed it
+        # Unlike ``is_dir``, this raises if another process has removed it.
+        if not stat.S_ISDIR(present.stat().st_mode):
             itself = "it" if present == folder else present
             raise CannotWriteError(folder, f"{itself} is a file")
         for place in (*reversed(missing), _temporary_path(folder / "new")):

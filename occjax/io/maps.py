@@ -30,6 +30,9 @@ MAP_SUFFIXES = (".pfm", ".npy", ".png")
 MAP_FILE = f"{', '.join(MAP_SUFFIXES[:-1])} or {MAP_SUFFIXES[-1]} file"
 """Files of :data:`MAP_SUFFIXES`, in words."""
 
+SUMMARY = "summary.json"
+"""Name of the file that describes an estimate, in its folder of results."""
+
 RESULTS = "a folder that occjax estimate wrote"
 """A folder of results, in words."""
 
@@ -69,7 +72,7 @@ def map_of_results(folder: Path, *, accepted: str = RESULTS) -> Path:
     path = folder / "disparity.pfm"
     if path.is_file():
         return path
-    if (folder / "summary.json").is_file():
+    if (folder / SUMMARY).is_file():
         raise InputError(
             f"{folder}: its results were saved without maps; estimate again and add maps to --save"
         )
@@ -97,7 +100,7 @@ def view_of_map(path: Path) -> str | None:
     """
     folder = path if path.is_dir() else path.parent
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         files = summary["files"]
     except (OSError, ValueError, TypeError, KeyError):  # perhaps a file of another program
         return None

@@ -14,10 +14,11 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
+from occjax.io.maps import SUMMARY
 from occjax.lightfield import Calibration, centre_index
 from occjax.results.outputs import has_signal
 from occjax.results.reading import read_estimate
-from occjax.results.summary import SUMMARY, read_summary
+from occjax.results.summary import read_summary
 from occjax.viz.colour import disparity_limits
 from occjax.viz.pictures import view_picture
 

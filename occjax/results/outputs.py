@@ -45,12 +45,12 @@ from occjax.errors import InputError, nearest
 from occjax.estimators.protocol import Estimate
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD, Metrics, compare
 from occjax.io.atomic import atomic_folder
-from occjax.io.maps import Map
+from occjax.io.maps import SUMMARY, Map
 from occjax.io.pfm import write_pfm
 from occjax.lightfield import LightField, to_unit_float
 from occjax.results.conversion import convert_map, flying_pixels, point_cloud, write_points
 from occjax.results.groups import DEFAULT_GROUPS, GROUPS
-from occjax.results.summary import SUMMARY, summary
+from occjax.results.summary import summary
 from occjax.results.view_maps import ARRAYS, CLOUD, FOLDER, write_view_maps
 from occjax.viz.pictures import (
     confidence_picture,
@@ -61,7 +61,7 @@ from occjax.viz.pictures import (
 )
 
 FILES = tuple(
-    sorted([*(name for names in GROUPS.values() for name in names), ARRAYS, CLOUD, "summary.json"])
+    sorted([*(name for names in GROUPS.values() for name in names), ARRAYS, CLOUD, SUMMARY])
 )
 """All file names that an estimate may be written to."""
 

@@ -11,10 +11,10 @@ from occjax.errors import InputError
 from occjax.estimators.protocol import Estimate
 from occjax.io.arrays import read_npy
 from occjax.io.images import read_image
-from occjax.io.maps import map_of_results, read_map
+from occjax.io.maps import SUMMARY, map_of_results, read_map
 from occjax.lightfield import LightField, centre_index, view_name
 from occjax.results.outputs import cloud_mask, has_signal
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import read_summary, stored_calibration
 from occjax.results.view_maps import read_view_maps
 
 

@@ -52,9 +52,6 @@ from occjax.evaluation.metrics import Metrics
 from occjax.io.files import decoding
 from occjax.lightfield import Calibration, LightField
 
-SUMMARY = "summary.json"
-"""Name of the file."""
-
 
 def summary(
     estimate: Estimate,

@@ -19,10 +19,10 @@ from occjax.errors import InputError
 from occjax.estimators.driver import with_report
 from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
-from occjax.io.maps import map_of_results, read_map
+from occjax.io.maps import SUMMARY, map_of_results, read_map
 from occjax.layout import registered
 from occjax.lightfield import LightField, view_name, whole_grid
-from occjax.results.summary import SUMMARY, read_summary, stored_calibration
+from occjax.results.summary import read_summary, stored_calibration
 from occjax.viewer.config import LOOPBACK, ViewerConfig
 from occjax.viewer.scene import ViewedResult, ViewedScene
 

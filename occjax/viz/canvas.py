@@ -36,7 +36,8 @@ class Canvas:
 
     def __init__(self, width: int, height: int) -> None:
         self.size = (width, height)
-        self.figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
+        dpi = 100
+        self.figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi, facecolor="white")
         FigureCanvasAgg(self.figure)
 
     def axes(

@@ -208,7 +208,7 @@ def comparison_figure(
     """
     norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
     extend = colourbar_extend(norm, disparity)
-    step = -(-max(disparity.shape) // 600)
+    step = -(-max(disparity.shape) // 600)  # at most 600 pixels along the longer side
     centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)
     # Disparities are subsampled, since an average across an edge lies on neither side of it.
     disparity = disparity[::step, ::step]
