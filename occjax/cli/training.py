@@ -89,7 +89,11 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
         if replay is not None:
             print("\n".join(replay_step(config, folder, replay)))
             return 0
-        source = first_process_first(lambda: make_source(data, config.network))
+        source = first_process_first(
+            lambda: make_source(
+                data, config.network, trained=config.trained, initial_weights=initial_weights
+            )
+        )
         scenes = scenes_from_folders(validate)
         scenes += validation_scenes(data, validation_samples)
         resume_command = shlex.join(["occjax", "train", *arguments])

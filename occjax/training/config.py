@@ -17,8 +17,9 @@ from occjax.data.procedural import SceneConfig
 from occjax.errors import InputError, check_one_of
 from occjax.models.registry import ModelConfig, Precision
 
-Penalty = Literal["l1", "log"]
+Penalty = Literal["l1", "log", "truncated"]
 RateSchedule = Literal["constant", "cosine", "halving"]
+LearnedPart = Literal["selector", "residual"]
 
 
 def _check_positive(config: object, prefix: str, *names: str) -> None:
@@ -42,9 +43,11 @@ class LossConfig:
     """Training loss settings.
 
     Attributes:
-        penalty: Penalty of the disparity error: ``"l1"`` as in the paper, or ``"log"``, which
-            limits the effect of large errors (:func:`occjax.training.losses.penalty`).
-        width: Error at which the slope of ``"log"`` is halved, pixels per view step.
+        penalty: Penalty of the disparity error: ``"l1"`` as in the paper; ``"log"`` or
+            ``"truncated"``, which limit the effect of large errors
+            (:func:`occjax.training.losses.penalty`).
+        width: Error at which the slope of ``"log"`` is halved, or above which ``"truncated"`` is
+            constant, pixels per view step.
         distribution: Weight of the cross-entropy between the predicted probabilities and the ground
             truth; 0 disables it.
         border: Pixels left out at each side.
@@ -126,6 +129,7 @@ class TrainConfig:
         rematerialise: Whether only the results of convolutions are kept for the gradients and
             everything else is computed again: less memory, more time.
         seed: Seed of the initial weights.
+        trained: For ProposalNet, the part that is trained; the other one keeps its initial weights.
     """
 
     network: ModelConfig
@@ -137,10 +141,12 @@ class TrainConfig:
     accumulate: int = 1
     rematerialise: bool = False
     seed: int = 0
+    trained: LearnedPart = "selector"
 
     def __post_init__(self) -> None:
         """Check the values."""
         check_one_of("precision", self.precision, Precision)
+        check_one_of("trained", self.trained, LearnedPart)
         _check_positive(self, "", "steps", "accumulate")
         if not 0.0 <= self.ema_decay < 1.0:
             raise InputError(f"ema_decay is {self.ema_decay:g}; pass 0 or more, less than 1")
@@ -241,9 +247,8 @@ class DataConfig:
         scenes: Distribution of the procedural light fields.
         pools: Folders of procedural light fields that ``occjax pool`` rendered.
         pool_share: Relative share of the light fields of all pools together.
-        prepared: For ProposalNet, folder in which the proposals of each light field of pools and
-            folders are kept, so that a step trains the selection only
-            (:mod:`occjax.training.prepared`).
+        prepared: For ProposalNet, folder in which the inputs of the part that is trained are kept
+            for each light field of pools and folders (:mod:`occjax.training.prepared`).
         patches: Choice of the patches of prepared light fields.
         folders: Scenes with ground truth, or folders of such scenes.
         folder_share: Relative share of patches of these scenes.

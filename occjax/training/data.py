@@ -16,7 +16,8 @@ from occjax.data.sources import ALL_ROWS, Source, cached_source, mixture, proced
 from occjax.errors import InputError
 from occjax.lightfield import LightField
 from occjax.models import ModelConfig, ProposalNetConfig
-from occjax.training.config import DataConfig
+from occjax.training.config import DataConfig, LearnedPart
+from occjax.training.initial import initial_variables
 from occjax.training.prepared import prepared_source
 from occjax.training.step import BatchSource
 from occjax.training.tasks import task_of
@@ -26,12 +27,21 @@ VALIDATION_SEED = 2**31
 """Added to the seed for procedural scenes that only validation uses."""
 
 
-def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:
+def make_source(
+    config: DataConfig,
+    network: ModelConfig,
+    *,
+    trained: LearnedPart = "selector",
+    initial_weights: str | Path | None = None,
+) -> BatchSource:
     """Return the source of batches that the settings describe.
 
     Args:
         config: Sources and shares.
         network: Model to train.
+        trained: For ProposalNet, the part that is trained.
+        initial_weights: Initial weights of the training: a file, or a name that
+            ``occjax weights list`` prints. Their selector prepares light fields for the residual.
 
     Returns:
         Function from the step to its batch.
@@ -55,7 +65,10 @@ def make_source(config: DataConfig, network: ModelConfig) -> BatchSource:
     if config.kept < 0:
         raise InputError(f"data.kept is {config.kept}; pass 0 or more")
     if config.prepared is not None:
-        return _prepared(config, config.prepared, network)
+        variables = None
+        if trained == "residual" and isinstance(network, ProposalNetConfig):
+            variables = initial_variables(network, initial_weights)
+        return _prepared(config, config.prepared, network, variables)
     size, seed, augmentation = config.batch_size, config.seed, config.augmentation
     parts: dict[Source, float] = {}
     if config.procedural_share > 0.0:
@@ -94,7 +107,9 @@ def _procedural(config: DataConfig, batch_size: int, seed: int) -> Source:
     return make(config.scenes, batch_size=batch_size, seed=seed, augmentation=config.augmentation)
 
 
-def _prepared(config: DataConfig, folder: Path, network: ModelConfig) -> BatchSource:
+def _prepared(
+    config: DataConfig, folder: Path, network: ModelConfig, variables: dict | None
+) -> BatchSource:
     unvaried = AugmentationConfig(
         flips=False, turns=False, gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0
     )
@@ -116,4 +131,5 @@ def _prepared(config: DataConfig, folder: Path, network: ModelConfig) -> BatchSo
         patches=config.patches,
         scenes=load_scenes(folders, views=network.views) if folders else (),
         weights=(config.pool_share, config.folder_share),
+        variables=variables,
     )

@@ -21,11 +21,12 @@ from occjax.data.sources import ALL_ROWS
 from occjax.errors import InputError
 from occjax.io.atomic import check_writable
 from occjax.lightfield import LightField
-from occjax.models import load_weights, save_weights
+from occjax.models import save_weights
 from occjax.models.bundled import find_weights
 from occjax.training.checkpoints import Checkpoints, open_training_folder
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.hosts import Votes, agreed_values, is_first_process, on_first_process
+from occjax.training.initial import initial_variables
 from occjax.training.logging import Log, read_log
 from occjax.training.optimiser import learning_rate
 from occjax.training.placement import gather, make_placement
@@ -205,9 +206,9 @@ def _quiet(line: str) -> None:
 
 
 def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) -> TrainState:
-    if weights is None:
+    if weights is None and config.trained == "selector":
         return init_state(config, batch)
-    return state_from_variables(load_weights(weights, config.network)[0], config)
+    return state_from_variables(initial_variables(config.network, weights), config)
 
 
 class _Steps:

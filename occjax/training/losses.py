@@ -68,12 +68,14 @@ def penalty(
       width. It limits the effect of large errors: where nothing shows the disparity, no step
       reduces an error of several pixels, and its gradient is noise. The factor 5 keeps the penalty
       about as large as the error (equal at 0.27 with the default width), so that its weight
-      relative to that of the distribution stays that of ``"l1"``.
+      relative to that of the distribution stays that of ``"l1"``;
+    * ``"truncated"``: ``min(|e|, width)``, for errors that cannot be larger.
 
     Args:
         error: Estimate minus ground truth, pixels per view step.
         kind: Name of the penalty.
-        width: Error at which the slope of ``"log"`` is halved, pixels per view step.
+        width: Error at which the slope of ``"log"`` is halved, or at which ``"truncated"`` becomes
+            constant, pixels per view step.
 
     Returns:
         Penalties, of the same shape.
@@ -83,7 +85,9 @@ def penalty(
         [0.5, 2.0]
     """
     size = jnp.abs(error)
-    return size if kind == "l1" else 5.0 * width * jnp.log1p(size / width)
+    if kind == "log":
+        return 5.0 * width * jnp.log1p(size / width)
+    return jnp.minimum(size, width) if kind == "truncated" else size
 
 
 def inside_border(valid: Bool[Array, "h w"], border: int) -> Bool[Array, "h w"]:

@@ -39,6 +39,11 @@ class OccCasNetTask:
     loss_config: LossConfig
     precision: Precision
 
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """Nothing is frozen."""
+        return ()
+
     def view_selection(self, available: ViewSelection) -> ViewSelection:
         """Return the grid of the network."""
         return self.network.views

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import jax
 import optax
 
@@ -44,12 +46,15 @@ def learning_rate(config: OptimiserConfig, steps: int) -> optax.Schedule:
     return optax.join_schedules([rising, after], [warm_up])
 
 
-def make_optimiser(config: OptimiserConfig, steps: int) -> optax.GradientTransformation:
+def make_optimiser(
+    config: OptimiserConfig, steps: int, *, frozen: Collection[str] = ()
+) -> optax.GradientTransformation:
     """Return AdamW with clipped gradients (Loshchilov and Hutter, 2019); only kernels decay.
 
     Args:
         config: Settings of the optimiser.
         steps: Number of training steps.
+        frozen: Names of the modules whose parameters do not change.
 
     Returns:
         The gradient transformation.
@@ -71,6 +76,15 @@ def make_optimiser(config: OptimiserConfig, steps: int) -> optax.GradientTransfo
         weight_decay=config.weight_decay,
         mask=is_kernel,
     )
-    if config.clip is None:
+    if config.clip is not None:
+        adam = optax.chain(optax.clip_by_global_norm(config.clip), adam)
+    if not frozen:
         return adam
-    return optax.chain(optax.clip_by_global_norm(config.clip), adam)
+
+    def is_frozen(params):
+        return {
+            module: jax.tree.map(lambda _, module=module: module in frozen, parameters)
+            for module, parameters in params.items()
+        }
+
+    return optax.transforms.selective_transform(adam, freeze_mask=is_frozen)

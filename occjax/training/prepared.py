@@ -1,13 +1,15 @@
-"""Prepared light fields: the proposals of ProposalNet, computed once for many training steps.
+"""Prepared light fields: the inputs of ProposalNet's learned parts, computed once for many steps.
 
-The steps before the selection have no weights and take most of the time of a training step. The
-proposals of a light field are computed when it is first drawn and kept in a folder, in about 16
-bytes per pixel and proposal. All later steps train the selector only.
+The steps before a learned part do not change while it is trained, and take most of the time of a
+training step. The inputs are computed when a light field is first drawn and kept in a folder: the
+proposals for the selector, in about 16 bytes per pixel and proposal, or the volume around the
+selected disparity for the residual, in 92 bytes per pixel.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -35,6 +37,7 @@ from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.config_json import config_to_json
 from occjax.models.proposal.aperture import SECTORS
 from occjax.models.proposal.proposals import COST_CHANNELS, ProposalCosts, Proposals
+from occjax.models.proposal.residual import STATISTICS, ResidualVolume
 from occjax.training.config import PatchConfig
 
 PREPARATION = "preparation.json"
@@ -66,28 +69,37 @@ class PackedProposals(NamedTuple):
 
 
 class PreparedSample(NamedTuple):
-    """A training example for the selector, or a batch with a leading axis on every field.
+    """A training example for a learned part, or a batch with a leading axis on every field.
 
     Attributes:
-        packed: Proposals.
-        disparity: ``[h, w]`` true disparity at the configured reach, as that of the proposals.
+        packed: Proposals for the selector; volume, in half precision, for the residual.
+        disparity: ``[h, w]`` true disparity at the configured reach, as that of the inputs.
         valid: ``[h, w]`` pixels with ground truth.
     """
 
-    packed: PackedProposals
+    packed: PackedProposals | ResidualVolume
     disparity: Float[Array, "*b h w"]
     valid: Bool[Array, "*b h w"]
 
 
-_STORED = {
+_TRUTH = {"truth": Float32[np.ndarray, "h w"], "valid": Bool[np.ndarray, "h w"]}
+
+_PROPOSALS = {
     "centre": UInt8[np.ndarray, "h w"],
     "disparity": Float32[np.ndarray, "h w"],
     "proposed": Int16[np.ndarray, "k h w"],
     "costs": UInt8[np.ndarray, f"k {COST_CHANNELS} h w"],
     "log_variance": Float16[np.ndarray, "h w"],
     "peak_probability": Float16[np.ndarray, "h w"],
-    "truth": Float32[np.ndarray, "h w"],
-    "valid": Bool[np.ndarray, "h w"],
+}
+
+_VOLUME = {
+    "centre": Float16[np.ndarray, "h w"],
+    "disparity": Float32[np.ndarray, "h w"],
+    "reference": Float16[np.ndarray, f"{STATISTICS} h w"],
+    "relative": Float16[np.ndarray, f"{STATISTICS} d h w"],
+    "certainty": Float16[np.ndarray, "h w"],
+    "log_information": Float16[np.ndarray, "h w"],
 }
 
 
@@ -131,6 +143,7 @@ def prepared_source(
     patches: PatchConfig | None = None,
     scenes: Sequence[Scene] = (),
     weights: tuple[float, float] = (1.0, 1.0),
+    variables: dict | None = None,
 ) -> Callable[..., PreparedSample]:
     """Return a source that goes through light fields in random order, in a new order each time.
 
@@ -140,7 +153,7 @@ def prepared_source(
     Args:
         pools: Folders of :func:`occjax.data.pool.render_pool`, whose light fields have one size.
         folder: Folder of the prepared light fields; created if it does not exist.
-        network: Network that computes the proposals; its selector does not matter.
+        network: Network that computes the inputs.
         batch_size: Light fields per step.
         seed: Seed of order, patches and symmetries. A new folder stores it as its seed of grey
             weights, tone and noise; these do not change if the folder is used with another seed.
@@ -148,6 +161,8 @@ def prepared_source(
         patches: Choice of the patches.
         scenes: Scenes from :func:`occjax.data.scenes.load_scenes`, with the views of the network.
         weights: Relative shares of pools and scenes in every batch.
+        variables: Variables of the network, whose selector computes the inputs of the residual; by
+            default those of the selector are computed, which depend on no variables.
 
     Returns:
         Source of batches of :class:`PreparedSample`, or of their rows, see
@@ -167,7 +182,7 @@ def prepared_source(
     present = [w if count else 0.0 for w, count in zip(weights, parts.values(), strict=True)]
     if not sum(present) > 0.0:
         raise InputError("there are no light fields to prepare; pass pools or scenes")
-    description = _description(pools, scenes, network, seed, augmentation)
+    description = _description(pools, scenes, network, seed, augmentation, variables)
     stored = open_run_folder(
         folder, PREPARATION, description, contents="prepared light fields", may_differ=("seed",)
     )
@@ -176,7 +191,7 @@ def prepared_source(
 
     orders = [shuffled(count, seed) for count in parts.values()]
 
-    def prepared(part: str, number: int) -> PreparedSample:
+    def stored_sample(part: str, number: int) -> PreparedSample:
         path = folder / f"{part}{number:06d}.npz"
         if not path.exists():
             if part:
@@ -185,14 +200,15 @@ def prepared_source(
             else:
                 sample = select_views(read_sample(files[number]), network.views)
             key = jax.random.fold_in(jax.random.key(stored["seed"]), number)
-            write_prepared(path, prepare(key, to_device(sample), network, whole))
-        return read_prepared(path)
+            prepared = prepare(key, to_device(sample), network, whole, variables)
+            write_prepared(path, prepared)
+        return read_prepared(path, volume=variables is not None)
 
     def light_field(drawn: int) -> PreparedSample:
         before, after = (shares(present, total) for total in (drawn, drawn + 1))
         # The source whose number of samples grows by this draw.
         index = int(np.argmax(np.subtract(after, before)))
-        return prepared(list(parts)[index], orders[index](before[index]))
+        return stored_sample(list(parts)[index], orders[index](before[index]))
 
     patch_options = network.proposals.offsets, augmentation, patches or PatchConfig()
 
@@ -212,12 +228,29 @@ def prepare(
     sample: LightFieldSample,
     network: ProposalNetConfig,
     augmentation: AugmentationConfig,
+    variables: dict | None = None,
 ) -> PreparedSample:
-    """Vary tone and noise of one light field (no batch axis) and compute its proposals."""
+    """Vary tone and noise of one light field (no batch axis) and compute the inputs.
+
+    Args:
+        key: Random key.
+        sample: The light field.
+        network: The network.
+        augmentation: How tone and noise are varied.
+        variables: Variables of the network for the inputs of the residual; None for those of the
+            selector.
+    """
     tone_key, noise_key = jax.random.split(key)
     sample = random_noise(noise_key, random_tone(tone_key, sample, augmentation), augmentation)
-    proposals, disparity = proposals_and_truth(sample, network)
-    return PreparedSample(pack(proposals), disparity, sample.valid)
+    if variables is None:
+        proposals, disparity = proposals_and_truth(sample, network)
+        return PreparedSample(pack(proposals), disparity, sample.valid)
+    volume, disparity = volume_and_truth(sample, network, variables)
+    half = {
+        name: getattr(volume, name).astype(jnp.float16)
+        for name in ("centre", "certainty", "log_information")
+    }
+    return PreparedSample(volume._replace(**half), disparity, sample.valid)
 
 
 def proposals_and_truth(
@@ -226,12 +259,33 @@ def proposals_and_truth(
     """Return proposals and true disparity of one light field, both at the configured reach."""
     proposals = ProposalNet(network).apply({}, sample.views, sample.offsets, method="propose")
     assert isinstance(proposals, Proposals)
-    scale = jnp.max(jnp.abs(sample.offsets)) / network.reach
-    return proposals, sample.disparity * scale
+    return proposals, _truth_at_reach(sample, network)
+
+
+def volume_and_truth(
+    sample: LightFieldSample, network: ProposalNetConfig, variables: dict
+) -> tuple[ResidualVolume, Float[Array, "h w"]]:
+    """Return the volume around the selected disparity of one light field, and the true disparity.
+
+    Args:
+        sample: The light field, without a batch axis.
+        network: The network.
+        variables: Its variables.
+
+    Returns:
+        Both at the configured reach.
+    """
+    volume = ProposalNet(network).apply(variables, sample.views, sample.offsets, method="volume")
+    assert isinstance(volume, ResidualVolume)
+    return volume, _truth_at_reach(sample, network)
+
+
+def _truth_at_reach(sample: LightFieldSample, network: ProposalNetConfig) -> Float[Array, "h w"]:
+    return sample.disparity * (jnp.max(jnp.abs(sample.offsets)) / network.reach)
 
 
 def check_crop(crop: tuple[int, ...], network: ProposalNetConfig) -> None:
-    """Check that the selector can be applied to patches of ``(h, w)`` pixels.
+    """Check that the network can be applied to patches of ``(h, w)`` pixels.
 
     Raises:
         InputError: If the size is not a multiple of ``network.size_multiple``.
@@ -303,6 +357,8 @@ def transform_prepared(
     sector_order = np.empty_like(sectors)
     sector_order[turned_sectors[symmetry] % SECTORS] = sectors
     sample = jax.tree.map(lambda field: transform_images(field, symmetry), sample)
+    if isinstance(sample.packed, ResidualVolume):  # nothing in it has a direction
+        return sample
     proposed, costs = sample.packed.proposed, ProposalCosts(sample.packed.costs)
     order = np.arange(len(proposed))
     for number, offset in enumerate(offsets, start=1):
@@ -324,26 +380,34 @@ def write_prepared(path: Path, sample: PreparedSample) -> None:
         np.savez(temporary, **arrays)
 
 
-def read_prepared(path: Path) -> PreparedSample:
+def read_prepared(path: Path, *, volume: bool = False) -> PreparedSample:
     """Read a prepared light field that :func:`write_prepared` wrote, as NumPy arrays.
+
+    Args:
+        path: The file.
+        volume: Whether it contains the volume for the residual instead of proposals.
 
     Raises:
         InputError: If the file cannot be read or is damaged.
     """
     what, remedy = "a prepared light field", "remove it, and it is computed again"
-    fields = load_fields(path, _STORED, what=what, remedy=remedy)
+    stored, kind = (_VOLUME, ResidualVolume) if volume else (_PROPOSALS, PackedProposals)
+    fields = load_fields(path, {**stored, **_TRUTH}, what=what, remedy=remedy)
     truth, valid = fields.pop("truth"), fields.pop("valid")
     # The fields are annotated as JAX arrays; Any permits NumPy arrays.
-    packed: Any = PackedProposals(**fields)  # type: ignore[arg-type]
+    packed: Any = kind(**fields)  # type: ignore[arg-type]
     return PreparedSample(packed, truth, valid)  # type: ignore[arg-type]
 
 
 def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:
-    """Return ``[h, w]`` whether the refined disparity is wrong and a proposal is correct."""
+    """Return ``[h, w]`` whether the disparity is wrong and, of proposals, one is correct."""
     truth = np.asarray(sample.disparity)
-    proposed = np.asarray(sample.packed.proposed) / np.float32(DISPARITY_STEPS)
     wrong = np.abs(np.asarray(sample.packed.disparity) - truth) > threshold
-    return wrong & (np.abs(proposed - truth).min(0) < threshold) & np.asarray(sample.valid)
+    wrong &= np.asarray(sample.valid)
+    if isinstance(sample.packed, ResidualVolume):
+        return wrong
+    proposed = np.asarray(sample.packed.proposed) / np.float32(DISPARITY_STEPS)
+    return wrong & (np.abs(proposed - truth).min(0) < threshold)
 
 
 def _description(
@@ -352,21 +416,31 @@ def _description(
     network: ProposalNetConfig,
     seed: int,
     augmentation: AugmentationConfig,
+    variables: dict | None,
 ) -> dict:
     """Return all settings that the prepared light fields depend on."""
+    network = dataclasses.replace(network, planar=None)
+    if variables is None:
+        network = dataclasses.replace(network, selector=None, weighted_median=None, residual=None)
     # Folders that earlier versions prepared from pools only do not have this field.
     checksums = {f"{number}_{scene.name}": scene.checksum() for number, scene in enumerate(scenes)}
-    described = {"scene_checksums": checksums} if scenes else {}
+    described: dict[str, Any] = {"scene_checksums": checksums} if scenes else {}
+    if variables is not None:
+        described["selector"] = _checksum(variables["params"]["selector"])
     varied = ("gamma", "contrast", "brightness", "noise", "noise_probability")
     return {
         "version": occjax.__version__,
         **described,
         "pools": [read_description(Path(pool) / DESCRIPTION) for pool in pools],
-        "network": json.loads(
-            config_to_json(
-                dataclasses.replace(network, selector=None, planar=None, weighted_median=None)
-            )
-        ),
+        "network": json.loads(config_to_json(network)),
         "seed": seed,
         "augmentation": {name: getattr(augmentation, name) for name in varied},
     }
+
+
+def _checksum(tree: dict) -> str:
+    """Return the SHA-256 of all arrays of a tree, in hexadecimal."""
+    checksum = hashlib.sha256()
+    for leaf in jax.tree.leaves(tree):
+        checksum.update(np.ascontiguousarray(leaf).tobytes())
+    return checksum.hexdigest()

@@ -1,7 +1,8 @@
-"""Training of ProposalNet: the loss of the selection and its task.
+"""Training of ProposalNet: the losses of the selection and of the residual, and their task.
 
-Only the selector has weights. It is trained from prepared proposals
-(:mod:`occjax.training.prepared`), or from light fields whose proposals are computed in every step.
+The selector is trained first, then the residual of what it selects. Each is trained from prepared
+inputs (:mod:`occjax.training.prepared`), or from light fields whose inputs are computed in every
+step.
 """
 
 from __future__ import annotations
@@ -16,28 +17,45 @@ from jaxtyping import Array, Bool, Float
 from occjax.data.samples import LightFieldSample
 from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.proposal import Selection
-from occjax.models.proposal.proposals import Proposals
-from occjax.training.config import LossConfig, Precision
+from occjax.models.proposal.network import random_variables
+from occjax.models.proposal.residual import ResidualVolume
+from occjax.training.config import LearnedPart, LossConfig, Precision
 from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
-from occjax.training.prepared import PreparedSample, check_crop, proposals_and_truth, unpack
+from occjax.training.prepared import (
+    PackedProposals,
+    PreparedSample,
+    check_crop,
+    proposals_and_truth,
+    unpack,
+    volume_and_truth,
+)
 from occjax.view_selection import ViewSelection
 
 
 @dataclass(frozen=True)
 class ProposalTask:
-    """Training of ProposalNet's selector; see :class:`occjax.training.tasks.TrainingTask`.
+    """Training of one part of ProposalNet; see :class:`occjax.training.tasks.TrainingTask`.
 
     Attributes:
         network: Configuration of the network, with a selector.
         loss_config: Settings of the loss.
-        precision: Type of the selector's convolutions.
+        precision: Type of the convolutions.
+        trained: The part that is trained.
         mesh: Devices that share a batch along the axis ``"data"``; None is one device.
     """
 
     network: ProposalNetConfig
     loss_config: LossConfig
     precision: Precision
+    trained: LearnedPart = "selector"
     mesh: Mesh | None = None
+
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """The other learned part, if the network has it."""
+        if self.network.residual is None:
+            return ()
+        return ("residual",) if self.trained == "selector" else ("selector",)
 
     def view_selection(self, available: ViewSelection) -> ViewSelection:
         """Return the available views: the network takes any arrangement."""
@@ -45,8 +63,7 @@ class ProposalTask:
 
     def init(self, key: Array, example: LightFieldSample | PreparedSample) -> dict:
         """Return random variables."""
-        proposals = self._proposals(example)[0]
-        return dict(ProposalNet(self.network).init(key, proposals, method="select"))
+        return random_variables(self.network, key)
 
     def errors(
         self, params: dict, batch_stats: dict, batch: LightFieldSample | PreparedSample
@@ -69,25 +86,50 @@ class ProposalTask:
         self, params: dict, batch: LightFieldSample | PreparedSample
     ) -> dict[str, WeightedSum]:
         """Compute the errors of the examples of one device."""
-        network = ProposalNet(self.network, dtype=self.precision)
-        errors = []
+        errors_of = self._selection_errors if self.trained == "selector" else self._residual_errors
         # On a CPU, one example after the other is faster than vmap and than a loop inside XLA.
-        for index in range(batch.disparity.shape[0]):
-            example = jax.tree.map(lambda field, index=index: field[index], batch)
-            proposals, truth = self._proposals(example)
-            selection = network.apply({"params": params}, proposals, method="select")
-            assert isinstance(selection, Selection)
-            errors.append(selection_errors(selection, truth, example.valid, self.loss_config))
+        examples = [
+            jax.tree.map(lambda field, index=index: field[index], batch)
+            for index in range(batch.disparity.shape[0])
+        ]
+        errors = [errors_of({"params": params}, example) for example in examples]
         return jax.tree.map(lambda *fields: jnp.stack(fields), *errors)
 
-    def _proposals(
-        self, example: LightFieldSample | PreparedSample
-    ) -> tuple[Proposals, Float[Array, "h w"]]:
-        """Return proposals and true disparity, both at the configured reach."""
+    def _selection_errors(
+        self, variables: dict, example: LightFieldSample | PreparedSample
+    ) -> dict[str, WeightedSum]:
         if isinstance(example, PreparedSample):
-            return unpack(example.packed), example.disparity
-        check_crop(example.disparity.shape, self.network)
-        return proposals_and_truth(example, self.network)
+            assert isinstance(example.packed, PackedProposals)
+            proposals, truth = unpack(example.packed), example.disparity
+        else:
+            check_crop(example.disparity.shape, self.network)
+            proposals, truth = proposals_and_truth(example, self.network)
+        network = ProposalNet(self.network, dtype=self.precision)
+        selection = network.apply(variables, proposals, method="select")
+        assert isinstance(selection, Selection)
+        return selection_errors(selection, truth, example.valid, self.loss_config)
+
+    def _residual_errors(
+        self, variables: dict, example: LightFieldSample | PreparedSample
+    ) -> dict[str, WeightedSum]:
+        if isinstance(example, PreparedSample):
+            assert isinstance(example.packed, ResidualVolume)
+            volume, truth = example.packed, example.disparity
+        else:
+            check_crop(example.disparity.shape, self.network)
+            volume, truth = volume_and_truth(example, self.network, variables)
+        network = ProposalNet(self.network, dtype=self.precision)
+        residual = network.apply(variables, volume, method="residual_of")
+        assert self.network.residual is not None
+        assert isinstance(residual, jax.Array)
+        return residual_errors(
+            jax.lax.stop_gradient(volume.disparity),
+            residual,
+            truth,
+            example.valid,
+            reach=2.0 * self.network.residual.candidates[-1],
+            config=self.loss_config,
+        )
 
 
 def selection_errors(
@@ -134,6 +176,49 @@ def selection_errors(
         accurate = (selection.probabilities * accuracy).sum(0) / jnp.maximum(accuracy.max(0), 1e-3)
         errors["distribution"] = weighted_sum(-jnp.log(jnp.maximum(accurate, 1e-6)), weight)
     return {**errors, "badpix": bad_pixels(selection.disparity, truth, valid, config.border)}
+
+
+def residual_errors(
+    disparity: Float[Array, "h w"],
+    residual: Float[Array, "h w"],
+    truth: Float[Array, "h w"],
+    valid: Bool[Array, "h w"],
+    *,
+    reach: float,
+    config: LossConfig,
+) -> dict[str, WeightedSum]:
+    """Compute the errors of a disparity map with its residual.
+
+    Pixels whose disparity is wrong by more than ``reach`` do not count: no candidate is near the
+    truth, and no residual is better than another.
+
+    Args:
+        disparity: ``[h, w]`` disparity without the residual.
+        residual: ``[h, w]`` residual, in the same units.
+        truth: ``[h, w]`` true disparity, in the same units.
+        valid: ``[h, w]`` pixels with ground truth.
+        reach: Largest error of the disparity of a pixel that counts.
+        config: Settings of the loss.
+
+    Returns:
+        ``disparity``, the penalty of the disparity with the residual, and ``badpix``, the
+        percentage of bad pixels, which is not part of the loss.
+
+    Example:
+        >>> disparity, truth = jnp.array([[0.1, 5.0]]), jnp.zeros((1, 2))
+        >>> errors = residual_errors(
+        ...     disparity, 0.0 * truth - 0.02, truth, truth == 0.0, reach=0.3, config=LossConfig()
+        ... )
+        >>> {name: round(float(error.mean()), 2) for name, error in errors.items()}
+        {'disparity': 0.08, 'badpix': 100.0}
+    """
+    truth = jnp.where(valid, truth, 0.0)
+    counted = inside_border(valid, config.border) & (jnp.abs(disparity - truth) < reach)
+    error = penalty(disparity + residual - truth, kind=config.penalty, width=config.width)
+    return {
+        "disparity": weighted_sum(error, counted),
+        "badpix": bad_pixels(disparity + residual, truth, valid, config.border),
+    }
 
 
 def proposal_accuracy(

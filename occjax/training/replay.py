@@ -12,6 +12,7 @@ import orbax.checkpoint as ocp
 
 from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
+from occjax.models.proposal.residual import ResidualVolume
 from occjax.training.checkpoints import decoding_checkpoint, writing_checkpoint
 from occjax.training.config import TrainConfig
 from occjax.training.hosts import is_first_process
@@ -101,7 +102,8 @@ def _load_step(path: Path, config: TrainConfig) -> tuple[TrainState, Batch]:
         stored = checkpointer.metadata(path.absolute()).item_metadata.tree["batch"]
         fields = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), stored)
         if "packed" in fields:
-            fields["packed"] = PackedProposals(**fields["packed"])
+            kind = PackedProposals if config.trained == "selector" else ResidualVolume
+            fields["packed"] = kind(**fields["packed"])
             batch: Batch = PreparedSample(**fields)
         else:
             batch = LightFieldSample(**fields)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
+from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from occjax.data.samples import LightFieldSample
@@ -18,10 +19,10 @@ from occjax.training.losses import WeightedSum, total_loss
 from occjax.training.optimiser import make_optimiser
 from occjax.training.placement import Placement
 from occjax.training.prepared import PreparedSample
-from occjax.training.tasks import task_of
+from occjax.training.tasks import TrainingTask, task_of
 
 Batch = LightFieldSample | PreparedSample
-"""Training examples with a leading axis on every field: light fields, or prepared proposals."""
+"""Training examples with a leading axis on every field: light fields, or prepared ones."""
 
 BatchSource = Callable[..., Batch]
 """Returns the batch of a step, see :class:`occjax.data.sources.Source`.
@@ -75,6 +76,14 @@ def init_state(config: TrainConfig, batch: Batch) -> TrainState:
     return state_from_variables(_init(jax.random.key(config.seed), example, config.network), config)
 
 
+def _task(config: TrainConfig, mesh: Mesh | None = None) -> TrainingTask:
+    return task_of(config.network, config.loss, config.precision, trained=config.trained, mesh=mesh)
+
+
+def _optimiser(config: TrainConfig) -> optax.GradientTransformation:
+    return make_optimiser(config.optimiser, config.steps, frozen=_task(config).frozen)
+
+
 @partial(jax.jit, static_argnames="network")
 def _init(key: Array, example: Batch, network: ModelConfig) -> dict:
     return task_of(network).init(key, example)
@@ -87,7 +96,7 @@ def state_from_variables(variables: dict, config: TrainConfig) -> TrainState:
         step=jnp.zeros((), jnp.int32),
         params=params,
         batch_stats=batch_stats,
-        opt_state=make_optimiser(config.optimiser, config.steps).init(params),
+        opt_state=_optimiser(config).init(params),
         # A step donates its state, in which no buffer may occur twice.
         ema=jax.tree.map(jnp.copy, {"params": params, "batch_stats": batch_stats}),
     )
@@ -143,7 +152,7 @@ def train_step(
     applied = jnp.isfinite(loss) & jnp.isfinite(norm)
     if number is not None:
         applied &= state.step == number
-    optimiser = make_optimiser(config.optimiser, config.steps)
+    optimiser = _optimiser(config)
     with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an integer power
         updates, opt_state = optimiser.update(gradients, state.opt_state, state.params)
     params = optax.apply_updates(state.params, updates)
@@ -163,7 +172,7 @@ def _gradient(
 ) -> tuple[tuple[Float[Array, ""], tuple[dict[str, Float[Array, ""]], dict]], dict]:
     """Compute the loss of a batch, with the metrics and the new statistics, and its gradient."""
     mesh = None if placement is None else placement.mesh
-    errors = task_of(config.network, config.loss, config.precision, mesh=mesh).errors
+    errors = _task(config, mesh).errors
     if config.rematerialise:
         errors = jax.checkpoint(errors, policy=jax.checkpoint_policies.dots_saveable)
     if config.accumulate > 1:

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from occjax.errors import InputError
 from occjax.models import ModelConfig, OccCasNetConfig, ProposalNetConfig
-from occjax.training.config import LossConfig, Precision
+from occjax.training.config import LearnedPart, LossConfig, Precision
 from occjax.training.losses import WeightedSum
 from occjax.training.occcasnet import OccCasNetTask
 from occjax.training.proposal import ProposalTask
@@ -22,6 +22,11 @@ from occjax.view_selection import ViewSelection
 @runtime_checkable
 class TrainingTask(Protocol):
     """Training of one kind of model. All methods but ``view_selection`` can be jitted."""
+
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """Names of the modules whose parameters do not change."""
+        ...
 
     def view_selection(self, available: ViewSelection) -> ViewSelection:
         """Return the views that the model takes.
@@ -66,6 +71,7 @@ def task_of(
     loss: LossConfig | None = None,
     precision: Precision = "float32",
     *,
+    trained: LearnedPart = "selector",
     mesh: Mesh | None = None,
 ) -> TrainingTask:
     """Return the training task of a model.
@@ -74,13 +80,14 @@ def task_of(
         network: Configuration of the model.
         loss: Settings of the loss; the defaults if None.
         precision: Type of the convolutions.
+        trained: For ProposalNet, the part that is trained.
         mesh: Devices that share a batch along the axis ``"data"``; None is one device.
 
     Returns:
         The task.
 
     Raises:
-        InputError: If the model has nothing to train.
+        InputError: If the model has nothing to train, or not this part.
 
     Example:
         >>> from occjax.models import preset
@@ -91,5 +98,7 @@ def task_of(
     if isinstance(network, OccCasNetConfig):
         return OccCasNetTask(network, loss, precision)
     if isinstance(network, ProposalNetConfig) and network.selector is not None:
-        return ProposalTask(network, loss, precision, mesh)
+        if trained == "residual" and network.residual is None:
+            raise InputError("the model has no residual to train; pass --trained selector")
+        return ProposalTask(network, loss, precision, trained, mesh)
     raise InputError("the model has no weights to train; choose another --network-preset")

@@ -2,7 +2,7 @@
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
 data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection,
-weighted median, planar surfaces.
+weighted median, residual, planar surfaces.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalNetConfig.reach``.
@@ -217,6 +217,34 @@ class WeightedMedianConfig:
 
 
 @dataclass(frozen=True)
+class ResidualConfig:
+    """The second learned part: a residual from a cost volume around the selected disparity.
+
+    Attributes:
+        candidates: Candidates relative to the disparity, ascending and symmetric about 0.
+        derivative_tolerance: Difference of the derivatives of grey, per pixel, at which their
+            robust cost is one half.
+        widths: Channels of the convolutions, one entry for each level: the first has half
+            resolution, each further one half of that before it.
+    """
+
+    candidates: tuple[float, ...] = (
+        *(-0.15, -0.1125, -0.075, -0.0375, 0.0),
+        *(0.0375, 0.075, 0.1125, 0.15),
+    )
+    derivative_tolerance: float = 0.004
+    widths: tuple[int, ...] = (48, 48, 64, 64)
+
+    def __post_init__(self) -> None:
+        """Check the candidates: without training, their mean must be the disparity itself."""
+        candidates = self.candidates
+        if sorted(candidates) != [*candidates] or [-each for each in candidates[::-1]] != [
+            *candidates
+        ]:
+            raise ValueError(f"candidates must be ascending and symmetric about 0: {candidates}")
+
+
+@dataclass(frozen=True)
 class PlanarConfig:
     """Planes of large planar surfaces, fitted to the selected disparity.
 
@@ -290,7 +318,8 @@ class ProposalNetConfig:
         selector: Learned selection; None skips proposals and selection.
         weighted_median: Weighted median around pixels whose selection is uncertain; None keeps
             their disparity.
-        planar: Planes of large planar surfaces; None keeps the selected disparity.
+        residual: Learned residual of the selected disparity; None skips it.
+        planar: Planes of large planar surfaces; None keeps the disparity without them.
         confidence: Confidence of the disparity.
         views: Views of a grid that are compared with the centre view. The two outermost views in
             eight directions carry most of the information.
@@ -307,6 +336,7 @@ class ProposalNetConfig:
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
     weighted_median: WeightedMedianConfig | None = WeightedMedianConfig()
+    residual: ResidualConfig | None = None
     planar: PlanarConfig | None = PlanarConfig()
     confidence: ConfidenceConfig = ConfidenceConfig()
     views: Arrangement = "outer_star"
@@ -320,19 +350,28 @@ class ProposalNetConfig:
                 "the selector works at half resolution and needs search.downsampling=2, not "
                 f"{self.search.downsampling}; set selector=None to search at full resolution"
             )
+        if self.selector is None and self.residual is not None:
+            raise ValueError("the residual needs a selected disparity; set residual=None")
 
     @property
     def size_multiple(self) -> int:
         """Number of pixels that height and width are padded to a multiple of."""
         if self.selector is None:
             return self.search.downsampling
-        return 2 ** len(self.selector.context)
+        levels = len(self.selector.context)
+        return 2 ** max(levels, len(self.residual.widths) if self.residual else 0)
 
 
 PRESETS: dict[str, ProposalNetConfig] = {
-    "proposal": ProposalNetConfig(),
-    "proposal_small": ProposalNetConfig(selector=SelectorConfig(16, (24, 24, 32, 32))),
-    "proposal_large": ProposalNetConfig(selector=SelectorConfig(64, (64, 64, 96, 96))),
+    "proposal": ProposalNetConfig(residual=ResidualConfig()),
+    "proposal_small": ProposalNetConfig(
+        selector=SelectorConfig(16, (24, 24, 32, 32)),
+        residual=ResidualConfig(widths=(24, 24, 32, 32)),
+    ),
+    "proposal_large": ProposalNetConfig(
+        selector=SelectorConfig(64, (64, 64, 96, 96)),
+        residual=ResidualConfig(widths=(64, 64, 96, 96)),
+    ),
     # Without a selector that corrects depth edges, full resolution and all views are better:
     # BadPix 0.07 of HCI antinous 3.2 % instead of 4.0 %, of the bundled sample 7.3 % instead of
     # 8.7 %. The penalties are doubled, because a path sums the costs of twice as many pixels. The

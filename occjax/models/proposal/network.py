@@ -1,15 +1,15 @@
-"""ProposalNet: semi-global search, slanted-plane refinement, proposals and learned selection.
+"""ProposalNet: semi-global search, slanted-plane refinement, proposals, selection, residual.
 
 The network takes any arrangement of views and any range of disparities. Everything before the
-selection has no weights and is the training-free estimator. The learned part decides which surface
-a pixel near a depth edge belongs to.
+selection has no weights and is the training-free estimator. The selection decides which surface a
+pixel near a depth edge belongs to; a learned residual then makes its disparity more precise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import flax.linen as nn
 import jax
@@ -30,6 +30,12 @@ from occjax.models.proposal.proposals import (
     ProposalCosts,
     Proposals,
     make_proposals,
+)
+from occjax.models.proposal.residual import (
+    STATISTICS,
+    ResidualStage,
+    ResidualVolume,
+    residual_volume,
 )
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
@@ -73,6 +79,15 @@ class ProposalOutput(NamedTuple):
     selection: Selection | None
 
 
+class _Found(NamedTuple):
+    """Disparity before residual and planes; see :class:`ProposalOutput`."""
+
+    disparity: Float[Array, "h w"]
+    certainty: Float[Array, "h w"]
+    standard_deviation: Float[Array, "h w"]
+    selection: Selection | None
+
+
 class ProposalNet(nn.Module):
     """Disparity of the centre view from any arrangement of grey views.
 
@@ -81,7 +96,7 @@ class ProposalNet(nn.Module):
     Attributes:
         config: All settings; with ``selector=None`` the training-free estimator, which has no
             variables.
-        dtype: Type of the selector's convolutions (float32 or bfloat16).
+        dtype: Type of the convolutions (float32 or bfloat16).
 
     Example:
         >>> network = ProposalNet(ProposalNetConfig(selector=None))
@@ -96,11 +111,13 @@ class ProposalNet(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     def setup(self) -> None:
-        """Create the selector."""
+        """Create the learned parts."""
         if self.config.selector is not None:
             self.selector = ProposalSelector(
                 self.config.selector, self.config.proposals.offsets, dtype=self.dtype
             )
+        if self.config.residual is not None:
+            self.residual = ResidualStage(self.config.residual, dtype=self.dtype)
 
     def __call__(
         self,
@@ -133,6 +150,31 @@ class ProposalNet(nn.Module):
             views, candidates, offsets, multiple=self.config.size_multiple, white=white
         )
         searched, coarse, refined = self.search_and_refine(grey, candidates)
+        found = self._find(grey, candidates, searched, refined)
+        disparity = found.disparity
+        if self.config.residual is not None:
+            disparity = disparity + self.residual(self._volume(grey, found, refined))
+        if self.config.planar is not None:
+            information = refined.information * jnp.square(found.certainty)
+            disparity = flatten_planar_surfaces(disparity, information, self.config.planar)
+        output = ProposalOutput(
+            disparity,
+            coarse,
+            refined.disparity,
+            found.certainty,
+            found.standard_deviation,
+            found.selection,
+        )
+        return _in_original_units(output, scale, height, width)
+
+    def _find(
+        self,
+        grey: GreyViews,
+        candidates: Float[Array, " d"],
+        searched: SearchResult,
+        refined: Refined,
+    ) -> _Found:
+        """Select a disparity for each pixel, or keep the refined one; compute its confidence."""
         spread = confidence(searched.probabilities, candidates)
         certainty = spread.certainty(len(candidates))
         deviation = spread.standard_deviation
@@ -154,13 +196,18 @@ class ProposalNet(nn.Module):
             disparity = replace_uncertain(
                 disparity, certainty, grey.centre, self.config.weighted_median
             )
-        if self.config.planar is not None:
-            information = refined.information * jnp.square(certainty)
-            disparity = flatten_planar_surfaces(disparity, information, self.config.planar)
-        output = ProposalOutput(
-            disparity, coarse, refined.disparity, certainty, deviation, selection
+        return _Found(disparity, certainty, deviation, selection)
+
+    def _volume(self, grey: GreyViews, found: _Found, refined: Refined) -> ResidualVolume:
+        """Compute the volume around the disparity that was found."""
+        assert self.config.residual is not None
+        return residual_volume(
+            grey,
+            found.disparity,
+            found.certainty,
+            refined.information * jnp.square(found.certainty),
+            self.config.residual,
         )
-        return _in_original_units(output, scale, height, width)
 
     def normalise(
         self,
@@ -225,7 +272,7 @@ class ProposalNet(nn.Module):
         return searched, coarse, refined
 
     def select(self, proposals: Proposals) -> Selection:
-        """Select among proposals; the only learned step.
+        """Select among proposals; the first learned step.
 
         Args:
             proposals: Proposals; height and width must be multiples of ``config.size_multiple``.
@@ -245,6 +292,17 @@ class ProposalNet(nn.Module):
         disparity = proposals.disparity + expected_disparity(averaged, difference)
         return Selection(disparity, proposals.proposed, probabilities)
 
+    def residual_of(self, volume: ResidualVolume) -> Float[Array, "h w"]:
+        """Compute the residual of a disparity from the volume around it.
+
+        Args:
+            volume: Volume; height and width must be multiples of ``config.size_multiple``.
+
+        Returns:
+            ``[h, w]`` residual at the configured reach, pixels per view step.
+        """
+        return self.residual(volume)
+
     def propose(self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]) -> Proposals:
         """Compute the proposals of the default range, which depend on no weights.
 
@@ -262,6 +320,52 @@ class ProposalNet(nn.Module):
         proposals = make_proposals(grey, searched, refined.disparity, candidates, self.config)
         return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
 
+    def volume(
+        self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]
+    ) -> ResidualVolume:
+        """Compute the volume around the selected disparity, in the default range.
+
+        Args:
+            views: ``[v, u, h, w]`` grey views in [0, 1].
+            offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in
+                view steps.
+
+        Returns:
+            Volume of the size of the views; disparities are those at the configured reach.
+        """
+        assert self.config.residual is not None
+        height, width = views.shape[2:]
+        grey, candidates, _ = self.normalise(
+            views, None, offsets, multiple=self.config.size_multiple
+        )
+        searched, _, refined = self.search_and_refine(grey, candidates)
+        found = self._find(grey, candidates, searched, refined)
+        volume = self._volume(grey, found, refined)
+        return jax.tree.map(lambda maps: maps[..., :height, :width], volume)
+
+
+def random_variables(config: ProposalNetConfig, key: Array) -> dict:
+    """Return random variables, without computing or tracing the steps that have none.
+
+    Args:
+        config: The network.
+        key: Random key.
+    """
+    network = ProposalNet(config)
+    size = (config.size_multiple,) * 2
+    maps = jnp.zeros(size)
+    params: dict[str, Any] = {}
+    if config.selector is not None:
+        count = len(config.proposals.offsets) + 2
+        costs = ProposalCosts(jnp.zeros((count, COST_CHANNELS, *size), jnp.float16))
+        proposals = Proposals(maps, maps, jnp.zeros((count, *size)), costs, maps, maps)
+        params |= network.init(key, proposals, method="select")["params"]
+    if config.residual is not None:
+        relative = jnp.zeros((STATISTICS, len(config.residual.candidates), *size), jnp.float16)
+        volume = ResidualVolume(maps, maps, relative[:, 0], relative, maps, maps)
+        params |= network.init(key, volume, method="residual_of")["params"]
+    return {"params": params} if params else {}
+
 
 def variable_shapes(config: ProposalNetConfig) -> dict:
     """Return shapes and types of the network's variables without computing any.
@@ -272,19 +376,7 @@ def variable_shapes(config: ProposalNetConfig) -> dict:
     Returns:
         ``variables`` with a ``jax.ShapeDtypeStruct`` for each array.
     """
-    if config.selector is None:
-        return {}
-
-    def maps(*shape, dtype=jnp.float32):
-        size = (config.size_multiple,) * 2
-        return jax.ShapeDtypeStruct((*shape, *size), dtype)
-
-    # Only the selector has variables. It is traced alone: tracing the other steps takes seconds.
-    count = len(config.proposals.offsets) + 2
-    costs = ProposalCosts(maps(count, COST_CHANNELS, dtype=jnp.float16))
-    proposals = Proposals(maps(), maps(), maps(count), costs, maps(), maps())
-    init = partial(ProposalNet(config).init, method="select")
-    return dict(jax.eval_shape(init, jax.random.key(0), proposals))
+    return dict(jax.eval_shape(partial(random_variables, config), jax.random.key(0)))
 
 
 def _smoothness(disparity: Float[Array, "h w"], edge_step: float) -> Float[Array, "h w"]:

@@ -110,10 +110,47 @@ def refined_sector_costs(
         >>> costs.sums.shape, float(costs.weights[:, 0, 4, 4].sum())
         ((1, 8, 5, 8, 8), 8.0)
     """
+    sums, weights = _summed_costs(features, disparities, penalties, offsets, by_sector=True)
+    return SectorCosts(sums, weights)
+
+
+def refined_costs(
+    features: Float[Array, "v u h w c"],
+    disparities: Float[Array, "d h w"],
+    *,
+    penalties: Callable[[list[Float[Array, "h w"]]], Sequence[Float[Array, "h w"]]],
+    offsets: Float[Array, "v u 2"] | None = None,
+) -> tuple[Float[Array, "m d h w"], Float[Array, "d h w"]]:
+    """Warp the views by each disparity map and sum their costs over the whole aperture.
+
+    Arguments and errors are those of :func:`refined_sector_costs`.
+
+    Returns:
+        Sums ``[m, d, h, w]`` of the m measures, and ``[d, h, w]`` the number of views.
+
+    Example:
+        >>> features, maps = jnp.zeros((3, 3, 8, 8, 1)), jnp.zeros((5, 8, 8))
+        >>> sums, count = refined_costs(
+        ...     features, maps, penalties=lambda differences: [jnp.abs(differences[0])]
+        ... )
+        >>> sums.shape, float(count[0, 4, 4])
+        ((1, 5, 8, 8), 8.0)
+    """
+    sums, count = _summed_costs(features, disparities, penalties, offsets, by_sector=False)
+    return sums[:, 0], count[0]
+
+
+def _summed_costs(
+    features: Array, disparities: Array, penalties: Callable, offsets, *, by_sector: bool
+) -> tuple[Float[Array, "m s d h w"], Float[Array, "s d h w"]]:
+    """Sum the costs of the views of each sector, or of all views as one sector."""
     features = as_images(features, "v u h w c", "features")
     (disparities,) = as_coordinates(disparities)
     v, u, h, w, c = features.shape
     others = other_views((v, u), offsets)
+    sectors, count = others.sector, SECTORS
+    if not by_sector:
+        sectors, count = jnp.zeros_like(others.sector), 1
     flat = features.reshape(v * u, h, w, c)
     centre = jnp.moveaxis(flat[others.centre], -1, 0)
     if features.dtype == jnp.float16 and c == 2:
@@ -140,10 +177,10 @@ def refined_sector_costs(
 
     measures = len(jax.eval_shape(penalties, list(centre)))
     # One array per measure: with one array for all, XLA would compute the warps once per measure.
-    zero = jnp.zeros((SECTORS, *disparities.shape), centre.dtype)
-    views = (others.indices, others.sector, others.offset, others.present)
+    zero = jnp.zeros((count, *disparities.shape), centre.dtype)
+    views = (others.indices, sectors, others.offset, others.present)
     *sums, weights = jax.lax.scan(add_view, [zero] * (measures + 1), views)[0]
-    return SectorCosts(jnp.stack(sums), weights)
+    return jnp.stack(sums), weights
 
 
 def sector_means(costs: SectorCosts) -> SectorMeans:

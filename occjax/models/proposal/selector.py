@@ -12,62 +12,14 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
-from occjax.kernels.convolution import convolve_images
 from occjax.kernels.reductions import max_leading, sum_leading
 from occjax.models.proposal.config import SelectorConfig
 from occjax.models.proposal.filters import central_differences, sample_at_offsets
+from occjax.models.proposal.multi_scale import ImageConv, Residual3x3, multi_scale_features
 from occjax.models.proposal.proposals import COST_CHANNELS, Proposals
-from occjax.models.proposal.resolution import (
-    depth_to_space,
-    downsample2x,
-    space_to_depth,
-    upsample2x,
-)
+from occjax.models.proposal.resolution import depth_to_space, space_to_depth
 
 Offsets = Sequence[tuple[int, int]]
-
-_he_normal = nn.initializers.he_normal()  # for layers before a ReLU (He et al., ICCV 2015)
-
-
-class ImageConv(nn.Module):
-    """3x3 convolution of images ``[N, H, W, C]``, zero padding, with bias, without normalisation.
-
-    A batch on a CPU is a few light fields. With batch statistics, the result of a light field would
-    depend on the few others of its batch, which do not exist at inference.
-
-    Attributes:
-        channels: Number of output channels.
-        dtype: Type of the computation; parameters stay float32.
-    """
-
-    channels: int
-    dtype: DTypeLike = jnp.float32
-
-    @nn.compact
-    def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n h w k"]:
-        """Apply the convolution."""
-        shape = (3, 3, images.shape[-1], self.channels)
-        kernel = self.param("kernel", _he_normal, shape, jnp.float32)
-        bias = self.param("bias", nn.initializers.zeros, (self.channels,), jnp.float32)
-        images = convolve_images(images.astype(self.dtype), kernel.astype(self.dtype))
-        return images + bias.astype(self.dtype)[None, None, None]
-
-
-class Residual3x3(nn.Module):
-    """``relu(x + conv(relu(conv(x))) / 2)``.
-
-    Attributes:
-        dtype: Type of the computation.
-    """
-
-    dtype: DTypeLike = jnp.float32
-
-    @nn.compact
-    def __call__(self, images: Float[Array, "n h w c"]) -> Float[Array, "n h w c"]:
-        """Apply both convolutions and add."""
-        channels = images.shape[-1]
-        inner = nn.relu(ImageConv(channels, dtype=self.dtype, name="conv_0")(images))
-        return nn.relu(images + 0.5 * ImageConv(channels, dtype=self.dtype, name="conv_1")(inner))
 
 
 class ProposalSelector(nn.Module):
@@ -130,7 +82,8 @@ class ProposalSelector(nn.Module):
             0.3 * jnp.log(mean_costs + config.cost_floor),
         ]
         image = as_blocks(jnp.concatenate(image_features)[None])
-        context = self._context(jnp.concatenate([_mean_and_max(encoded), image], axis=-1))
+        features = jnp.concatenate([_mean_and_max(encoded), image], axis=-1)
+        context = multi_scale_features(features, config.context, self.dtype)
         gate, shift = jnp.split(
             nn.Dense(2 * width, dtype=self.dtype, name="context")(context), 2, axis=-1
         )
@@ -152,29 +105,6 @@ class ProposalSelector(nn.Module):
         scores = depth_to_space(_map_pairs(self, score, compared))[..., 0].astype(jnp.float32)
         bias = nn.initializers.constant(config.initial_bias)
         return scores.at[0].add(self.param("stay", bias, (), jnp.float32))
-
-    def _context(self, x: Float[Array, "1 i j c"]) -> Float[Array, "1 i j k"]:
-        """Aggregate a large neighbourhood: downsample, convolve, upsample."""
-        widths = self.config.context
-
-        def normalise(x, name):
-            # Over the channels of each pixel. Without it, so many layers in a row grow without
-            # bounds. Statistics over pixels or light fields would depend on the rest of the batch.
-            return nn.relu(nn.LayerNorm(dtype=self.dtype, name=f"{name}_norm")(x))
-
-        def block(x, level, name):
-            return normalise(ImageConv(widths[level], dtype=self.dtype, name=name)(x), name)
-
-        x = nn.Dense(widths[0], dtype=self.dtype, name="context_enter")(x)
-        levels = [block(normalise(x, "context_enter"), 0, "level_0")]
-        for level in range(1, len(widths)):
-            x = block(downsample2x(levels[-1], (1, 2)), level, f"down_{level}_0")
-            levels.append(block(x, level, f"down_{level}_1"))
-        x = levels[-1]
-        for level in reversed(range(len(widths) - 1)):
-            below = nn.Dense(widths[level], dtype=self.dtype, name=f"widen_{level}")(x)
-            x = block(levels[level] + upsample2x(below, (1, 2)), level, f"up_{level}")
-        return x
 
 
 def proposal_cost_features(
