@@ -422,6 +422,10 @@ def _description(
     network = dataclasses.replace(network, planar=None)
     if variables is None:
         network = dataclasses.replace(network, selector=None, weighted_median=None, residual=None)
+    elif network.residual is not None:
+        network = dataclasses.replace(
+            network, residual=dataclasses.replace(network.residual, widths=())
+        )
     # Folders that earlier versions prepared from pools only do not have this field.
     checksums = {f"{number}_{scene.name}": scene.checksum() for number, scene in enumerate(scenes)}
     described: dict[str, Any] = {"scene_checksums": checksums} if scenes else {}

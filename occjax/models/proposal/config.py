@@ -228,10 +228,7 @@ class ResidualConfig:
             resolution, each further one half of that before it.
     """
 
-    candidates: tuple[float, ...] = (
-        *(-0.15, -0.1125, -0.075, -0.0375, 0.0),
-        *(0.0375, 0.075, 0.1125, 0.15),
-    )
+    candidates: tuple[float, ...] = (-0.3, -0.15, -0.06, -0.02, 0.0, 0.02, 0.06, 0.15, 0.3)
     derivative_tolerance: float = 0.004
     widths: tuple[int, ...] = (48, 48, 64, 64)
 
