@@ -81,10 +81,7 @@ def make_optimiser(
     if not frozen:
         return adam
 
-    def is_frozen(params):
-        return {
-            module: jax.tree.map(lambda _, module=module: module in frozen, parameters)
-            for module, parameters in params.items()
-        }
+    def kind(params):
+        return {module: "frozen" if module in frozen else "trained" for module in params}
 
-    return optax.transforms.selective_transform(adam, freeze_mask=is_frozen)
+    return optax.partition({"trained": adam, "frozen": optax.set_to_zero()}, kind)

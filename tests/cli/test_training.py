@@ -90,7 +90,7 @@ def test_another_preset_brings_its_views(started, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--recipe", "strong"], "no recipe 'strong'; choose 'proposal' or 'full'"),
+        (["--recipe", "strong"], "no recipe 'strong'; choose 'proposal' or 'residual'"),
         (
             ["--recipe", "tiny", "--network-preset", "tine"],
             "there is no model 'tine'; did you mean 'tiny'",

@@ -21,8 +21,13 @@ def test_log_penalty_is_steep_at_zero_and_flat_far_away(tolerance):
     np.testing.assert_allclose(slopes, [5.0, -2.5, 0.02], **tolerance("float32"))
 
 
+def test_truncated_penalty_is_constant_above_its_width(tolerance):
+    values = penalty(jnp.array([0.03, -0.04, 0.1, -7.0]), kind="truncated", width=0.1)
+    np.testing.assert_allclose(values, [0.03, 0.04, 0.1, 0.1], **tolerance("float32"))
+
+
 @pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("kind", ["l1", "log"])
+@pytest.mark.parametrize("kind", ["l1", "log", "truncated"])
 def test_derivatives_of_the_penalties(kind):
     error = np.array([-1.3, -0.07, 0.04, 0.6])
     assert_derivatives(lambda e: penalty(e, kind=kind, width=0.1), error)

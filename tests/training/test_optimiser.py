@@ -76,3 +76,26 @@ def test_updates_are_those_of_clipped_adamw(clip, tolerance):
         ours = optax.apply_updates(ours, updates)
     for name in params:
         np.testing.assert_allclose(ours[name], params[name], **tolerance("float32"))
+
+
+@pytest.mark.parametrize("clip", [None, 1.0])
+def test_frozen_modules_keep_their_parameters(clip, tolerance):
+    """The others change as if they were alone, with weight decay and clipping."""
+    config = OptimiserConfig(peak_rate=0.1, schedule="constant", weight_decay=0.2, clip=clip)
+    params = {name: {"kernel": jnp.full((2, 2), 3.0)} for name in ("selector", "residual")}
+    gradients = jax.tree.map(lambda kernel: 0.1 * kernel, params)
+
+    def updates(optimiser, params, gradients):
+        with jax.numpy_dtype_promotion("standard"):  # as in the step
+            return optimiser.update(gradients, optimiser.init(params), params)[0]
+
+    frozen = updates(make_optimiser(config, 10, frozen=("selector",)), params, gradients)
+    alone = updates(
+        make_optimiser(config, 10),
+        {"residual": params["residual"]},
+        {"residual": gradients["residual"]},
+    )
+    np.testing.assert_array_equal(frozen["selector"]["kernel"], 0.0)
+    np.testing.assert_allclose(
+        frozen["residual"]["kernel"], alone["residual"]["kernel"], **tolerance("float32")
+    )

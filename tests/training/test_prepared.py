@@ -16,7 +16,7 @@ from occjax.errors import InputError
 from occjax.io.run_folder import read_description, write_description
 from occjax.lightfield import view_offsets
 from occjax.models import preset
-from occjax.models.proposal import RefinementConfig, SelectorConfig
+from occjax.models.proposal import RefinementConfig, ResidualConfig, SelectorConfig
 from occjax.training import prepared
 from occjax.training.prepared import (
     DISPARITY_STEPS,
@@ -28,12 +28,14 @@ from occjax.training.prepared import (
     unpack,
 )
 from occjax.view_selection import select_from_grid
-from tests.reference.variables import random_proposals
+from tests.reference.variables import random_proposals, random_variables
 
 NETWORK = preset("proposal_small")
 OFFSETS = NETWORK.proposals.offsets
 AUGMENTATION = AugmentationConfig(crop=(16, 16), gamma=1.0, contrast=1.0, brightness=0.0, noise=0.0)
 """Patches without a change of tone: all tests share one compiled program of the proposals."""
+
+VARIABLES = random_variables(NETWORK)
 
 SCENES = SceneConfig(image_size=(32, 32), grid=(3, 3), sheets=2, solids=1, rays=1)
 
@@ -51,8 +53,8 @@ def sample(pool):
     return to_device(read_sample(pool / "000001.npz"))
 
 
-def prepare(sample):
-    sample = prepared.prepare(jax.random.key(0), sample, NETWORK, AUGMENTATION)
+def prepare(sample, variables=None):
+    sample = prepared.prepare(jax.random.key(0), sample, NETWORK, AUGMENTATION, variables)
     return jax.tree.map(np.asarray, sample)
 
 
@@ -228,3 +230,39 @@ def flat_scene(disparity):
         valid=np.ones(shape, bool),
         masked=False,
     )
+
+
+@pytest.mark.parametrize("symmetry", ["transpose", "flip_rows", "flip_columns"])
+def test_turning_prepared_volumes_equals_preparing_turned_light_fields(symmetry, sample):
+    original = prepare(sample, VARIABLES)
+    turned = prepared.transform_prepared(original, symmetry, OFFSETS).packed
+    expected = prepare(transform_sample(sample, symmetry), VARIABLES).packed
+    # The order of the sums, and the selection by random weights, change the disparity a little.
+    same = np.abs(turned.disparity - expected.disparity) < 5e-3
+    assert same.mean() > 0.2
+    for name in ("centre", "reference", "relative"):
+        one, other, before = (
+            np.float32(getattr(packed, name))[..., same]
+            for packed in (turned, expected, original.packed)
+        )
+        assert np.median(np.abs(one - other)) < 0.01
+        assert np.mean(np.abs(one - other)) < 0.5 * np.mean(np.abs(before - other))
+
+
+def test_volumes_belong_to_the_selector_that_computed_them(pool, tmp_path):
+    options = {"batch_size": 3, "seed": 0, "augmentation": AUGMENTATION}
+    folder = tmp_path / "volumes"
+    batch = prepared_source([pool], folder, NETWORK, **options, variables=VARIABLES)(0)
+    candidates = len(NETWORK.residual.candidates)
+    assert batch.packed.relative.shape == (3, 4, candidates, 16, 16)
+    assert batch.packed.relative.dtype == np.float16
+    np.testing.assert_array_equal(batch.packed.relative[:, :, candidates // 2], 0.0)
+    wider = replace(NETWORK, residual=ResidualConfig(widths=(8,)))  # another residual, same inputs
+    again = prepared_source([pool], folder, wider, **options, variables=VARIABLES)(0)
+    jax.tree.map(np.testing.assert_array_equal, batch, again)
+    with pytest.raises(InputError, match="selector is"):
+        prepared_source(
+            [pool], folder, NETWORK, **options, variables=random_variables(NETWORK, seed=1)
+        )
+    with pytest.raises(InputError, match=r"network\.selector is absent"):
+        prepared_source([pool], folder, NETWORK, **options)

@@ -9,8 +9,9 @@ import pytest
 
 from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
-from occjax.models import preset
+from occjax.models import preset, save_weights
 from occjax.models.proposal import Selection
+from occjax.models.proposal.residual import ResidualVolume
 from occjax.training import (
     LossConfig,
     OptimiserConfig,
@@ -21,6 +22,9 @@ from occjax.training import (
     task_of,
     train_step,
 )
+from occjax.training.initial import initial_variables
+from occjax.training.prepared import PreparedSample
+from occjax.training.proposal import residual_errors
 from tests.reference.variables import random_variables
 from tests.training.conftest import PROPOSAL_NETWORK, prepared_batch
 
@@ -161,3 +165,104 @@ def test_variables_are_those_of_the_network():
 def test_a_model_without_weights_is_refused():
     with pytest.raises(InputError, match="has no weights to train"):
         task_of(preset("photometric"))
+
+
+def test_errors_of_a_residual_leave_out_pixels_beyond_its_reach(tolerance):
+    generator = np.random.default_rng(0)
+    disparity, truth = generator.uniform(-0.3, 0.3, (2, 5, 6))
+    residual = generator.uniform(-0.1, 0.1, (5, 6))
+    valid = generator.random((5, 6)) > 0.2
+    penalties, bad = [], []
+    for place in np.argwhere(valid):
+        y, x = place
+        error = abs(disparity[y, x] + residual[y, x] - truth[y, x])
+        bad.append(100.0 * (error > 0.07))
+        if abs(disparity[y, x] - truth[y, x]) < 0.25:
+            penalties.append(min(error, 0.1))
+    assert 0 < len(penalties) < len(bad)
+    errors = residual_errors(
+        *(jnp.asarray(each, jnp.float32) for each in (disparity, residual)),
+        jnp.asarray(np.where(valid, truth, np.nan), jnp.float32),
+        jnp.asarray(valid),
+        reach=0.25,
+        config=LossConfig(penalty="truncated", width=0.1),
+    )
+    np.testing.assert_allclose(
+        errors["disparity"].mean(), np.mean(penalties), **tolerance("relative")
+    )
+    np.testing.assert_allclose(errors["badpix"].mean(), np.mean(bad), **tolerance("relative"))
+
+
+def volume_batch(count=2, size=(16, 16)):
+    """Volumes whose cheapest candidate is correct: number 6, 0.06 above the disparity."""
+    generator = np.random.default_rng(3)
+    disparity = generator.uniform(-1.0, 1.0, (count, *size)).astype(np.float32)
+    relative = np.ones((count, 4, 9, *size), np.float16)
+    relative[:, :, 4], relative[:, :, 6] = 0.0, -1.0
+    half = np.full(disparity.shape, 0.5, np.float16)
+    packed = ResidualVolume(half, disparity, 0 * relative[:, :, 0], relative, half, half)
+    return jax.tree.map(jnp.asarray, PreparedSample(packed, disparity + 0.06, half > 0))
+
+
+def test_only_the_residual_is_trained_and_learns_the_cheapest_candidate():
+    config = TrainConfig(
+        PROPOSAL_NETWORK,
+        LossConfig(penalty="truncated", width=0.1),
+        OptimiserConfig(peak_rate=1e-2, schedule="constant", weight_decay=0.1),
+        steps=15,
+        trained="residual",
+    )
+    batch = volume_batch()
+    first = state = init_state(config, batch)
+    before = jax.tree.map(np.array, first.params)
+    losses = []
+    for _ in range(15):
+        state, metrics = train_step(state, batch, config=config)
+        losses.append(float(metrics["loss"]))
+    np.testing.assert_allclose(losses[0], 0.06, atol=1e-6)  # untrained, the residual is zero
+    assert losses[-1] < 0.02
+    jax.tree.map(np.testing.assert_array_equal, before["selector"], state.params["selector"])
+
+
+@pytest.mark.slow
+def test_the_residual_is_trained_on_light_fields_without_preparation():
+    """Traced only, because compiling the search takes a minute."""
+    config = recipe("residual").train
+    batch = jax.tree.map(
+        lambda field: jax.ShapeDtypeStruct(field.shape, field.dtype),
+        LightFieldSample(
+            views=np.zeros((2, 1, 17, 32, 32), np.float32),
+            offsets=np.zeros((2, 1, 17, 2), np.float32),
+            disparity=np.zeros((2, 32, 32), np.float32),
+            visibility=np.zeros((2, 1, 17, 32, 32), bool),
+            valid=np.zeros((2, 32, 32), bool),
+        ),
+    )
+    state = jax.eval_shape(partial(init_state, config), batch)
+    after, report = jax.eval_shape(partial(train_step, config=config), state, batch)
+    assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
+    assert set(report) == {"applied", "badpix", "disparity", "gradient_norm", "loss"}
+
+
+def test_a_network_without_a_residual_cannot_train_it():
+    with pytest.raises(InputError, match="no residual to train"):
+        task_of(preset("proposal", residual=None), trained="residual")
+
+
+def test_initial_weights_without_a_residual_get_an_untrained_one(tmp_path):
+    network = PROPOSAL_NETWORK
+    selection_only = preset("proposal_small", selector=network.selector, residual=None)
+    weights = {"params": {"selector": random_variables(network)["params"]["selector"]}}
+    save_weights(tmp_path / "selection.safetensors", weights, selection_only)
+    variables = initial_variables(network, tmp_path / "selection.safetensors")["params"]
+    jax.tree.map(
+        np.testing.assert_array_equal, variables["selector"], weights["params"]["selector"]
+    )
+    assert not np.any(variables["residual"]["score"]["kernel"])
+    save_weights(tmp_path / "both.safetensors", {"params": variables}, network)
+    again = initial_variables(network, tmp_path / "both.safetensors")["params"]
+    jax.tree.map(np.testing.assert_array_equal, variables, again)
+    with pytest.raises(InputError, match="pass its weights"):
+        initial_variables(network, None)
+    with pytest.raises(InputError, match="another model"):
+        initial_variables(preset("proposal"), tmp_path / "selection.safetensors")

@@ -8,6 +8,7 @@ from .config import (
     ProposalNetConfig as ProposalNetConfig,
     ProposalsConfig as ProposalsConfig,
     RefinementConfig as RefinementConfig,
+    ResidualConfig as ResidualConfig,
     SearchConfig as SearchConfig,
     SelectorConfig as SelectorConfig,
     WeightedMedianConfig as WeightedMedianConfig,

@@ -235,7 +235,7 @@ class ResidualConfig:
     def __post_init__(self) -> None:
         """Check the candidates: without training, their mean must be the disparity itself."""
         candidates = self.candidates
-        if sorted(candidates) != [*candidates] or [-each for each in candidates[::-1]] != [
+        if sorted(set(candidates)) != [*candidates] or [-each for each in candidates[::-1]] != [
             *candidates
         ]:
             raise ValueError(f"candidates must be ascending and symmetric about 0: {candidates}")

@@ -17,7 +17,7 @@ from occjax.view_selection import select_view_indices
 from tests.scenes import plane
 
 CONFIG = preset("proposal_small")
-NO_SELECTOR = dataclasses.replace(CONFIG, selector=None)
+NO_SELECTOR = dataclasses.replace(CONFIG, selector=None, residual=None)
 OFFSETS = jnp.asarray(view_offsets(3, 3))
 CANDIDATES = jnp.linspace(-3.0, 3.0, 13)
 

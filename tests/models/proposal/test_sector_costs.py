@@ -10,6 +10,7 @@ from occjax.lightfield import view_offsets
 from occjax.models.proposal.sector_costs import (
     SectorCosts,
     geman_mcclure,
+    refined_costs,
     refined_sector_costs,
     sector_means,
 )
@@ -53,6 +54,14 @@ def test_costs_are_sums_over_the_views_of_each_sector(name, uniform, tolerance):
     )
     np.testing.assert_allclose(costs.sums, sums, **tolerance("float32"))
     np.testing.assert_array_equal(costs.weights, weights)
+    total, count = refined_costs(
+        features, disparities, penalties=absolute, offsets=jnp.asarray(offsets)
+    )
+    sums, weights = reference.refined_sector_costs(
+        *map(np.asarray, (features, disparities, offsets)), np.abs
+    )
+    np.testing.assert_allclose(total, sums.sum(1), **tolerance("float32"))
+    np.testing.assert_array_equal(count, weights.sum(0))
 
 
 def test_half_precision_pairs_equal_single_precision(uniform, tolerance):
