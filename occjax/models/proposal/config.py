@@ -347,16 +347,16 @@ class ProposalNetConfig:
                 "the selector works at half resolution and needs search.downsampling=2, not "
                 f"{self.search.downsampling}; set selector=None to search at full resolution"
             )
-        if self.selector is None and self.residual is not None:
-            raise ValueError("the residual needs a selected disparity; set residual=None")
 
     @property
     def size_multiple(self) -> int:
         """Number of pixels that height and width are padded to a multiple of."""
-        if self.selector is None:
-            return self.search.downsampling
-        levels = len(self.selector.context)
-        return 2 ** max(levels, len(self.residual.widths) if self.residual else 0)
+        selector, residual = self.selector, self.residual
+        return max(
+            self.search.downsampling,
+            2 ** len(selector.context) if selector else 1,
+            2 ** len(residual.widths) if residual else 1,
+        )
 
 
 PRESETS: dict[str, ProposalNetConfig] = {

@@ -77,7 +77,8 @@ def residual_volume(
     """
     v, u, h, w = grey.views.shape
     derivatives = central_differences(grey.views.reshape(v * u, h, w))
-    channels = [grey.views, *(each.reshape(v, u, h, w) for each in derivatives)]
+    # Derivatives are small, so that half precision keeps them exact enough, and are read in pairs.
+    pairs = jnp.stack(derivatives, axis=-1).reshape(v, u, h, w, 2).astype(jnp.float16)
 
     def penalties(differences):
         difference, down, right = differences
@@ -87,7 +88,7 @@ def residual_volume(
 
     candidates = jnp.array(config.candidates, disparity.dtype)
     sums, count = refined_costs(
-        jnp.stack(channels, axis=-1),
+        [grey.views[..., None], pairs],
         disparity[None] + candidates[:, None, None],
         penalties=penalties,
         offsets=grey.offsets,

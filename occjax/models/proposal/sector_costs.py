@@ -12,11 +12,12 @@ image.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Float16, Int
 
 from occjax.kernels.bilinear import inside_view, pack_pairs, warp_packed_pair, warp_plane
 from occjax.models.proposal.aperture import SECTORS, other_views
@@ -110,12 +111,12 @@ def refined_sector_costs(
         >>> costs.sums.shape, float(costs.weights[:, 0, 4, 4].sum())
         ((1, 8, 5, 8, 8), 8.0)
     """
-    sums, weights = _summed_costs(features, disparities, penalties, offsets, by_sector=True)
+    sums, weights = _summed_costs([features], disparities, penalties, offsets, by_sector=True)
     return SectorCosts(sums, weights)
 
 
 def refined_costs(
-    features: Float[Array, "v u h w c"],
+    features: Sequence[Float[Array, "v u h w _"]],
     disparities: Float[Array, "d h w"],
     *,
     penalties: Callable[[list[Float[Array, "h w"]]], Sequence[Float[Array, "h w"]]],
@@ -123,7 +124,11 @@ def refined_costs(
 ) -> tuple[Float[Array, "m d h w"], Float[Array, "d h w"]]:
     """Warp the views by each disparity map and sum their costs over the whole aperture.
 
-    Arguments and errors are those of :func:`refined_sector_costs`.
+    Args:
+        features: Features of the views, in one or several arrays ``[v, u, h, w, c]``.
+        disparities: See :func:`refined_sector_costs`.
+        penalties: The same, with the differences of all features.
+        offsets: The same.
 
     Returns:
         Sums ``[m, d, h, w]`` of the m measures, and ``[d, h, w]`` the number of views.
@@ -131,7 +136,7 @@ def refined_costs(
     Example:
         >>> features, maps = jnp.zeros((3, 3, 8, 8, 1)), jnp.zeros((5, 8, 8))
         >>> sums, count = refined_costs(
-        ...     features, maps, penalties=lambda differences: [jnp.abs(differences[0])]
+        ...     [features], maps, penalties=lambda differences: [jnp.abs(differences[0])]
         ... )
         >>> sums.shape, float(count[0, 4, 4])
         ((1, 5, 8, 8), 8.0)
@@ -141,46 +146,70 @@ def refined_costs(
 
 
 def _summed_costs(
-    features: Array, disparities: Array, penalties: Callable, offsets, *, by_sector: bool
+    features: Sequence[Array],
+    disparities: Array,
+    penalties: Callable,
+    offsets: Array | None,
+    *,
+    by_sector: bool,
 ) -> tuple[Float[Array, "m s d h w"], Float[Array, "s d h w"]]:
     """Sum the costs of the views of each sector, or of all views as one sector."""
-    features = as_images(features, "v u h w c", "features")
+    features = [as_images(each, "v u h w c", "features") for each in features]
     (disparities,) = as_coordinates(disparities)
-    v, u, h, w, c = features.shape
-    others = other_views((v, u), offsets)
+    others = other_views(features[0].shape[:2], offsets)
     sectors, count = others.sector, SECTORS
     if not by_sector:
         sectors, count = jnp.zeros_like(others.sector), 1
-    flat = features.reshape(v * u, h, w, c)
-    centre = jnp.moveaxis(flat[others.centre], -1, 0)
-    if features.dtype == jnp.float16 and c == 2:
-        images, centre = pack_pairs(flat), centre.astype(jnp.float32)
-        warp_image = warp_packed_pair
-    else:
-        images = jnp.moveaxis(flat, -1, 1)
-
-        def warp_image(image, disparity, offset):
-            return [warp_plane(channel, disparity, offset) for channel in image]
+    centre: list[Array] = []
+    readers = []
+    for each in features:
+        flat = each.reshape(-1, *each.shape[2:])
+        here, reader = jnp.moveaxis(flat[others.centre], -1, 0), _planes_reader(flat)
+        if each.dtype == jnp.float16 and each.shape[-1] == 2:
+            here, reader = here.astype(jnp.float32), _pair_reader(flat)
+        centre.extend(here)
+        readers.append(reader)
 
     def add_view(totals, view):
         index, sector, offset, present = view
-        image = images[index]
+        read_view = [reader(index) for reader in readers]
 
         def costs_of_map(disparity):
-            visible = (present & inside_view(disparity, offset)).astype(centre.dtype)
-            warped = warp_image(image, disparity, offset)
+            visible = (present & inside_view(disparity, offset)).astype(centre[0].dtype)
+            warped = [plane for read in read_view for plane in read(disparity, offset)]
             differences = [plane - here for plane, here in zip(warped, centre, strict=True)]
             return *(visible * cost for cost in penalties(differences)), visible
 
         terms = jax.vmap(costs_of_map)(disparities)
         return [total.at[sector].add(term) for total, term in zip(totals, terms, strict=True)], None
 
-    measures = len(jax.eval_shape(penalties, list(centre)))
+    measures = len(jax.eval_shape(penalties, centre))
     # One array per measure: with one array for all, XLA would compute the warps once per measure.
-    zero = jnp.zeros((count, *disparities.shape), centre.dtype)
+    zero = jnp.zeros((count, *disparities.shape), centre[0].dtype)
     views = (others.indices, sectors, others.offset, others.present)
     *sums, weights = jax.lax.scan(add_view, [zero] * (measures + 1), views)[0]
     return jnp.stack(sums), weights
+
+
+def _planes_reader(images: Float[Array, "n h w c"]) -> Callable:
+    """Return a function that takes a view and returns one that warps its channels."""
+    planes = jnp.moveaxis(images, -1, 1)
+
+    def reader(index):
+        view = planes[index]
+        return lambda disparity, offset: [warp_plane(plane, disparity, offset) for plane in view]
+
+    return reader
+
+
+def _pair_reader(images: Float16[Array, "n h w 2"]) -> Callable:
+    """Return the same for two channels that are read together."""
+    pairs = pack_pairs(images)
+
+    def reader(index):
+        return partial(warp_packed_pair, pairs[index])
+
+    return reader
 
 
 def sector_means(costs: SectorCosts) -> SectorMeans:

@@ -139,8 +139,3 @@ def test_shapes_of_variables_are_those_of_random_ones():
 def test_candidates_must_be_symmetric(candidates):
     with pytest.raises(ValueError, match="ascending and symmetric about 0"):
         ResidualConfig(candidates=candidates)
-
-
-def test_a_residual_needs_a_selector():
-    with pytest.raises(ValueError, match="set residual=None"):
-        preset("proposal", selector=None)

@@ -55,7 +55,10 @@ def test_costs_are_sums_over_the_views_of_each_sector(name, uniform, tolerance):
     np.testing.assert_allclose(costs.sums, sums, **tolerance("float32"))
     np.testing.assert_array_equal(costs.weights, weights)
     total, count = refined_costs(
-        features, disparities, penalties=absolute, offsets=jnp.asarray(offsets)
+        [features[..., :1], features[..., 1:]],
+        disparities,
+        penalties=absolute,
+        offsets=jnp.asarray(offsets),
     )
     sums, weights = reference.refined_sector_costs(
         *map(np.asarray, (features, disparities, offsets)), np.abs
