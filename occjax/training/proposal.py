@@ -15,10 +15,11 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from occjax.data.samples import LightFieldSample
+from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.proposal import Selection
 from occjax.models.proposal.network import random_variables
-from occjax.models.proposal.residual import ResidualVolume
+from occjax.models.proposal.residual import Residual, ResidualVolume
 from occjax.training.config import LearnedPart, LossConfig, Precision
 from occjax.training.losses import WeightedSum, bad_pixels, inside_border, penalty, weighted_sum
 from occjax.training.prepared import (
@@ -121,7 +122,7 @@ class ProposalTask:
         network = ProposalNet(self.network, dtype=self.precision)
         residual = network.apply(variables, volume, method="residual_of")
         assert self.network.residual is not None
-        assert isinstance(residual, jax.Array)
+        assert isinstance(residual, Residual)
         return residual_errors(
             jax.lax.stop_gradient(volume.disparity),
             residual,
@@ -180,7 +181,7 @@ def selection_errors(
 
 def residual_errors(
     disparity: Float[Array, "h w"],
-    residual: Float[Array, "h w"],
+    residual: Residual,
     truth: Float[Array, "h w"],
     valid: Bool[Array, "h w"],
     *,
@@ -194,30 +195,38 @@ def residual_errors(
 
     Args:
         disparity: ``[h, w]`` disparity without the residual.
-        residual: ``[h, w]`` residual, in the same units.
+        residual: Residual, in the same units, and confidence.
         truth: ``[h, w]`` true disparity, in the same units.
         valid: ``[h, w]`` pixels with ground truth.
         reach: Largest error of the disparity of a pixel that counts.
         config: Settings of the loss.
 
     Returns:
-        ``disparity``, the penalty of the disparity with the residual, and ``badpix``, the
-        percentage of bad pixels, which is not part of the loss.
+        ``disparity``, the penalty of the disparity with the residual; ``distribution``, the
+        cross-entropy in nats between the confidence and whether the pixel is not a bad one, over
+        all pixels; ``badpix``, the percentage of bad pixels, which is not part of the loss.
 
     Example:
         >>> disparity, truth = jnp.array([[0.1, 5.0]]), jnp.zeros((1, 2))
+        >>> residual = Residual(jnp.full((1, 2), -0.02), jnp.full((1, 2), 0.5))
         >>> errors = residual_errors(
-        ...     disparity, 0.0 * truth - 0.02, truth, truth == 0.0, reach=0.3, config=LossConfig()
+        ...     disparity, residual, truth, truth == 0.0, reach=0.3, config=LossConfig()
         ... )
         >>> {name: round(float(error.mean()), 2) for name, error in errors.items()}
-        {'disparity': 0.08, 'badpix': 100.0}
+        {'disparity': 0.08, 'distribution': 0.69, 'badpix': 100.0}
     """
     truth = jnp.where(valid, truth, 0.0)
-    counted = inside_border(valid, config.border) & (jnp.abs(disparity - truth) < reach)
-    error = penalty(disparity + residual - truth, kind=config.penalty, width=config.width)
+    inside = inside_border(valid, config.border)
+    within_reach = inside & (jnp.abs(disparity - truth) < reach)
+    error = disparity + residual.disparity - truth
+    good = jnp.abs(error) <= BAD_PIXEL_THRESHOLD
+    likelihood = jnp.where(good, residual.confidence, 1.0 - residual.confidence)
     return {
-        "disparity": weighted_sum(error, counted),
-        "badpix": bad_pixels(disparity + residual, truth, valid, config.border),
+        "disparity": weighted_sum(
+            penalty(error, kind=config.penalty, width=config.width), within_reach
+        ),
+        "distribution": weighted_sum(-jnp.log(jnp.maximum(likelihood, 1e-6)), inside),
+        "badpix": bad_pixels(disparity + residual.disparity, truth, valid, config.border),
     }
 
 

@@ -64,7 +64,7 @@ def residual() -> Recipe:
     optimiser = OptimiserConfig(peak_rate=5e-4, warm_up=50, weight_decay=1e-4, clip=1.0)
     # The selected disparity is off by 0.005 in the median. There "log" is steepest, so that every
     # change costs at first more than it gains, and nothing is learned.
-    loss = LossConfig(penalty="truncated", width=0.1)
+    loss = LossConfig(penalty="truncated", width=0.1, distribution=0.02)
     return Recipe(
         dataclasses.replace(
             selection.train, loss=loss, optimiser=optimiser, ema_decay=0.995, trained="residual"

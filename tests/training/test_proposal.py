@@ -11,7 +11,7 @@ from occjax.data.samples import LightFieldSample
 from occjax.errors import InputError
 from occjax.models import preset, save_weights
 from occjax.models.proposal import Selection
-from occjax.models.proposal.residual import ResidualVolume
+from occjax.models.proposal.residual import Residual, ResidualVolume
 from occjax.training import (
     LossConfig,
     OptimiserConfig,
@@ -170,18 +170,20 @@ def test_a_model_without_weights_is_refused():
 def test_errors_of_a_residual_leave_out_pixels_beyond_its_reach(tolerance):
     generator = np.random.default_rng(0)
     disparity, truth = generator.uniform(-0.3, 0.3, (2, 5, 6))
-    residual = generator.uniform(-0.1, 0.1, (5, 6))
+    residual, confidence = generator.uniform(-0.1, 0.1, (5, 6)), generator.random((5, 6))
     valid = generator.random((5, 6)) > 0.2
-    penalties, bad = [], []
+    penalties, bad, entropies = [], [], []
     for place in np.argwhere(valid):
         y, x = place
         error = abs(disparity[y, x] + residual[y, x] - truth[y, x])
         bad.append(100.0 * (error > 0.07))
+        entropies.append(-np.log(confidence[y, x] if error <= 0.07 else 1 - confidence[y, x]))
         if abs(disparity[y, x] - truth[y, x]) < 0.25:
             penalties.append(min(error, 0.1))
     assert 0 < len(penalties) < len(bad)
     errors = residual_errors(
-        *(jnp.asarray(each, jnp.float32) for each in (disparity, residual)),
+        jnp.asarray(disparity, jnp.float32),
+        Residual(*(jnp.asarray(each, jnp.float32) for each in (residual, confidence))),
         jnp.asarray(np.where(valid, truth, np.nan), jnp.float32),
         jnp.asarray(valid),
         reach=0.25,
@@ -189,6 +191,9 @@ def test_errors_of_a_residual_leave_out_pixels_beyond_its_reach(tolerance):
     )
     np.testing.assert_allclose(
         errors["disparity"].mean(), np.mean(penalties), **tolerance("relative")
+    )
+    np.testing.assert_allclose(
+        errors["distribution"].mean(), np.mean(entropies), **tolerance("float32")
     )
     np.testing.assert_allclose(errors["badpix"].mean(), np.mean(bad), **tolerance("relative"))
 
@@ -241,7 +246,14 @@ def test_the_residual_is_trained_on_light_fields_without_preparation():
     state = jax.eval_shape(partial(init_state, config), batch)
     after, report = jax.eval_shape(partial(train_step, config=config), state, batch)
     assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
-    assert set(report) == {"applied", "badpix", "disparity", "gradient_norm", "loss"}
+    assert set(report) == {
+        "applied",
+        "badpix",
+        "disparity",
+        "distribution",
+        "gradient_norm",
+        "loss",
+    }
 
 
 def test_a_network_without_a_residual_cannot_train_it():

@@ -33,6 +33,7 @@ from occjax.models.proposal.proposals import (
 )
 from occjax.models.proposal.residual import (
     STATISTICS,
+    Residual,
     ResidualStage,
     ResidualVolume,
     residual_volume,
@@ -151,9 +152,10 @@ class ProposalNet(nn.Module):
         )
         searched, coarse, refined = self.search_and_refine(grey, candidates)
         found = self._find(grey, candidates, searched, refined)
-        disparity = found.disparity
+        disparity, certainty = found.disparity, found.certainty
         if self.config.residual is not None:
-            disparity = disparity + self.residual(self._volume(grey, found, refined))
+            residual = self.residual(self._volume(grey, found, refined))
+            disparity, certainty = disparity + residual.disparity, residual.confidence
         if self.config.planar is not None:
             information = refined.information * jnp.square(found.certainty)
             disparity = flatten_planar_surfaces(disparity, information, self.config.planar)
@@ -161,7 +163,7 @@ class ProposalNet(nn.Module):
             disparity,
             coarse,
             refined.disparity,
-            found.certainty,
+            certainty,
             found.standard_deviation,
             found.selection,
         )
@@ -292,14 +294,14 @@ class ProposalNet(nn.Module):
         disparity = proposals.disparity + expected_disparity(averaged, difference)
         return Selection(disparity, proposals.proposed, probabilities)
 
-    def residual_of(self, volume: ResidualVolume) -> Float[Array, "h w"]:
+    def residual_of(self, volume: ResidualVolume) -> Residual:
         """Compute the residual of a disparity from the volume around it.
 
         Args:
             volume: Volume; height and width must be multiples of ``config.size_multiple``.
 
         Returns:
-            ``[h, w]`` residual at the configured reach, pixels per view step.
+            Residual at the configured reach, and confidence.
         """
         return self.residual(volume)
 

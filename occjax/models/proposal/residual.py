@@ -111,11 +111,24 @@ def residual_volume(
     )
 
 
+class Residual(NamedTuple):
+    """Result of the residual stage.
+
+    Attributes:
+        disparity: ``[h, w]`` residual, to be added to the disparity, pixels per view step.
+        confidence: ``[h, w]`` probability that the sum is not off by more than 0.07 pixels per view
+            step.
+    """
+
+    disparity: Float[Array, "h w"]
+    confidence: Float[Array, "h w"]
+
+
 class ResidualStage(nn.Module):
-    """Residual disparity of each pixel, from the volume around its disparity.
+    """Residual disparity of each pixel, from the volume around its disparity, and its confidence.
 
     All convolutions work at half resolution, with the four pixels of a block as channels. Before
-    training the residual is zero.
+    training the residual is zero and the confidence is that of the volume.
 
     Attributes:
         config: Candidates and widths.
@@ -126,14 +139,11 @@ class ResidualStage(nn.Module):
     dtype: DTypeLike = jnp.float32
 
     @nn.compact
-    def __call__(self, volume: ResidualVolume) -> Float[Array, "h w"]:
-        """Compute the residual, to be added to the disparity.
+    def __call__(self, volume: ResidualVolume) -> Residual:
+        """Compute the residual and the confidence of its sum with the disparity.
 
         Args:
             volume: Volume; height and width must be multiples of ``2 ** len(config.widths)``.
-
-        Returns:
-            ``[h, w]`` residual, pixels per view step.
         """
         candidates = jnp.array(self.config.candidates)
         volume = jax.tree.map(
@@ -148,11 +158,13 @@ class ResidualStage(nn.Module):
         )
         blocks = space_to_depth(jnp.moveaxis(features, 0, -1)[None]).astype(self.dtype)
         context = multi_scale_features(blocks, self.config.widths, self.dtype)
-        zeros = nn.initializers.zeros
-        score = nn.Dense(4 * len(candidates), kernel_init=zeros, dtype=self.dtype, name="score")
-        scores = depth_to_space(score(context))[0].astype(jnp.float32)
-        probabilities = softmax_leading(jnp.moveaxis(scores, -1, 0))
-        return expected_disparity(probabilities, candidates)
+        outputs = 4 * (len(candidates) + 1)
+        score = nn.Dense(outputs, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
+        scores = jnp.moveaxis(depth_to_space(score(context))[0].astype(jnp.float32), -1, 0)
+        probabilities = softmax_leading(scores[:-1])
+        certainty = jnp.clip(volume.certainty, 1e-4, 1.0 - 1e-3)
+        confidence = nn.sigmoid(jnp.log(certainty / (1.0 - certainty)) + scores[-1])
+        return Residual(expected_disparity(probabilities, candidates), confidence)
 
 
 def _guides(volume: ResidualVolume) -> Float[Array, "n h w"]:

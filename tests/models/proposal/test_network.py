@@ -46,14 +46,18 @@ def test_selection_is_among_the_proposals(output, tolerance):
     np.testing.assert_array_equal(selection.proposed[0], output.refined)
 
 
-def test_confidence_is_the_probability_of_the_close_proposals(variables, views, output):
+def test_confidence_is_the_probability_of_the_close_proposals(variables, views):
+    """Without the residual, which changes the confidence."""
+    selector = {"params": {"selector": variables["params"]["selector"]}}
+    config = dataclasses.replace(CONFIG, residual=None)
+    output = apply(selector, views, OFFSETS, CANDIDATES, config=config)
     selection, window = output.selection, CONFIG.selector.window
     assert CONFIG.reach == 4 * np.abs(OFFSETS).max()  # the window is four times as wide here
     close = np.abs(selection.proposed - selection.disparity[None]) <= 4 * window
     probability = np.sum(np.where(close, selection.probabilities, 0), axis=0)
     assert (output.confidence <= probability + 1e-5).all()
     assert np.mean(np.abs(output.confidence - probability) < 1e-5) > 0.5
-    blank = apply(variables, jnp.full_like(views, 0.5), OFFSETS, CANDIDATES)
+    blank = apply(selector, jnp.full_like(views, 0.5), OFFSETS, CANDIDATES, config=config)
     assert blank.confidence.max() < 0.01
 
 

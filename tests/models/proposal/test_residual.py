@@ -91,20 +91,34 @@ def volume(uniform):
     return ResidualVolume(maps[0], maps[1], relative[:, 1], relative, maps[2], maps[3])
 
 
-def test_an_untrained_residual_is_zero(volume):
+def test_an_untrained_residual_is_zero_and_keeps_the_confidence(volume):
     stage = ResidualStage(CONFIG)
     variables = stage.init(jax.random.key(0), volume)
-    assert np.abs(stage.apply(variables, volume)).max() < 1e-7
+    residual = stage.apply(variables, volume)
+    assert np.abs(residual.disparity).max() < 1e-7
+    np.testing.assert_allclose(residual.confidence, volume.certainty, atol=1e-3)
 
 
-def test_a_residual_is_between_the_outermost_candidates(volume):
+def test_a_residual_is_between_the_outermost_candidates(volume, tolerance):
     stage = ResidualStage(CONFIG)
     variables = stage.init(jax.random.key(0), volume)
     score = variables["params"]["score"]
     for bias, expected in ((-100.0, -0.2), (100.0, 0.2)):
         # All weight on the first or the last candidate of each of the four pixels of a block.
-        score["bias"] = jnp.tile(jnp.linspace(-bias, bias, 3), 4)
-        np.testing.assert_allclose(stage.apply(variables, volume), expected, atol=1e-6)
+        score["bias"] = jnp.tile(jnp.append(jnp.linspace(-bias, bias, 3), 0.0), 4)
+        np.testing.assert_allclose(
+            stage.apply(variables, volume).disparity, expected, **tolerance("absolute")
+        )
+
+
+def test_the_last_score_changes_the_odds_of_the_confidence(volume, tolerance):
+    stage = ResidualStage(CONFIG)
+    variables = stage.init(jax.random.key(0), volume)
+    variables["params"]["score"]["bias"] = jnp.tile(jnp.array([0.0, 0.0, 0.0, 1.5]), 4)
+    certainty = np.clip(np.float64(volume.certainty), 1e-4, 1 - 1e-3)
+    odds = certainty / (1 - certainty) * np.exp(1.5)
+    confidence = stage.apply(variables, volume).confidence
+    np.testing.assert_allclose(confidence, odds / (1 + odds), **tolerance("float32"))
 
 
 def test_the_network_adds_the_residual_to_the_disparity(uniform, tolerance):
@@ -119,7 +133,7 @@ def test_the_network_adds_the_residual_to_the_disparity(uniform, tolerance):
         return np.asarray(apply(variables, views, candidates=candidates).disparity)
 
     score = variables["params"]["residual"]["score"]
-    score["bias"] = jnp.tile(100.0 * jnp.arange(9.0), 4)
+    score["bias"] = jnp.tile(100.0 * jnp.arange(10.0), 4)  # the last one is of the confidence
     without = {"params": {"selector": variables["params"]["selector"]}}
     moved = disparity(config, variables) - disparity(kept, without)
     # Views one step away are scaled to the reach of four steps.
