@@ -236,7 +236,7 @@ def run(
 
 def _proposals_of(row: Recipe) -> tuple[ProposalNetConfig, int]:
     """Return the settings that the prepared proposals depend on."""
-    return replace(row.train.network, selector=None), row.data.seed
+    return replace(row.train.network, selector=None, residual=None), row.data.seed
 
 
 if __name__ == "__main__":

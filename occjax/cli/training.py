@@ -56,7 +56,7 @@ def train_command(arguments: Sequence[str]) -> Callable[..., int]:
             Path | None,
             option(
                 "Initial weights: a file, or a name from 'occjax weights list'. By default random "
-                "weights.",
+                "weights; the recipe residual needs trained ones.",
                 "FILE",
             ),
         ] = None,

@@ -29,7 +29,7 @@ class ProposalEstimator:
         config: Configuration; with ``selector=None`` it needs no variables.
         variables: Variables of the network.
         weights: Name of the weights, or None.
-        precision: Type of the selector's convolutions.
+        precision: Type of the convolutions.
     """
 
     name: str

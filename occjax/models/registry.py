@@ -55,7 +55,9 @@ def preset(name: str, **changes: Any) -> Any:
 
 
 def preset_name(config: ModelConfig) -> str:
-    """Return the name of a configuration, for either warp; ``"custom"`` if it has none.
+    """Return the name of a configuration; ``"custom"`` if it has none.
+
+    OccCasNet has the same name for either warp, ProposalNet with and without a residual.
 
     Example:
         >>> preset_name(preset("occcasnet", warp="transposed"))
@@ -64,9 +66,18 @@ def preset_name(config: ModelConfig) -> str:
     for name, known in PRESETS.items():
         if isinstance(config, OccCasNetConfig) and isinstance(known, OccCasNetConfig):
             known = replace(known, warp=config.warp)
+        if isinstance(config, ProposalNetConfig) and config.residual is None:
+            known = without_residual(known)
         if known == config:
             return name
     return "custom"
+
+
+def without_residual(config: ModelConfig) -> ModelConfig:
+    """Return the configuration of a model of an earlier version, which had no residual."""
+    if isinstance(config, ProposalNetConfig):
+        return replace(config, residual=None)
+    return config
 
 
 def variable_shapes(config: ModelConfig) -> dict:

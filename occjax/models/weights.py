@@ -20,7 +20,8 @@ from occjax.io.run_folder import first_difference
 from occjax.models.bundled import is_intact
 from occjax.models.config_json import config_from_json, config_to_json, convert_legacy_names
 from occjax.models.occcasnet.config import OccCasNetConfig, Warp
-from occjax.models.registry import ModelConfig, preset, variable_shapes
+from occjax.models.proposal.config import ProposalNetConfig
+from occjax.models.registry import ModelConfig, preset, variable_shapes, without_residual
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 
@@ -68,8 +69,9 @@ def load_weights(
     Args:
         path: ``.safetensors`` written by :func:`save_weights` (also by earlier versions), or
             ``.h5`` / ``.hdf5`` in the published format.
-        config: Model that the weights must fit; its warp and feature statistics may differ. By
-            default the model that the file names, for the published format ``occcasnet``.
+        config: Model that the weights must fit; its warp and feature statistics may differ, and
+            weights of a ProposalNet may have no residual. By default the model that the file names,
+            for the published format ``occcasnet``.
         warp: Warp to use instead of that of the training, which is ``"transposed"`` for the
             published format; see :class:`OccCasNetConfig`.
 
@@ -102,6 +104,8 @@ def load_weights(
         )
     variables, stored = _load_safetensors(path)
     if config is not None:
+        if isinstance(stored, ProposalNetConfig) and stored.residual is None:
+            config = without_residual(config)
         difference = first_difference(_compared_fields(config), _compared_fields(stored))
         if difference is not None:
             raise InputError(f"{path}: was made for another model: {difference}")

@@ -38,6 +38,17 @@ def _check_not_negative(config: object, prefix: str, *names: str) -> None:
             raise InputError(f"{prefix}{name} is {value}; pass 0 or more")
 
 
+def check_trained(trained: LearnedPart, network: ModelConfig) -> None:
+    """Check that the network has the part that is to be trained.
+
+    Raises:
+        InputError: If it does not.
+    """
+    check_one_of("trained", trained, LearnedPart)
+    if trained == "residual" and getattr(network, "residual", None) is None:
+        raise InputError("the network has no residual to train; pass --trained selector")
+
+
 @dataclass(frozen=True)
 class LossConfig:
     """Training loss settings.
@@ -49,13 +60,13 @@ class LossConfig:
         width: Error at which the slope of ``"log"`` is halved, or above which ``"truncated"`` is
             constant, pixels per view step.
         distribution: Weight of the cross-entropy between the predicted probabilities and the ground
-            truth; 0 disables it.
+            truth, for the residual of ProposalNet that of its confidence; 0 disables it.
         border: Pixels left out at each side.
-        settled: For ProposalNet, weight of pixels at which at most one proposal is wrong
-            (:func:`occjax.training.proposal.selection_weight`).
-        accurate_error: For ProposalNet, largest error of an accurate proposal, pixels per view
+        settled: For the selector of ProposalNet, weight of pixels at which at most one proposal is
+            wrong (:func:`occjax.training.proposal.selection_weight`).
+        accurate_error: For this selector, largest error of an accurate proposal, pixels per view
             step.
-        wrong_error: For ProposalNet, smallest error of a wrong proposal, pixels per view step.
+        wrong_error: For this selector, smallest error of a wrong proposal, pixels per view step.
     """
 
     penalty: Penalty = "l1"
@@ -146,7 +157,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         """Check the values."""
         check_one_of("precision", self.precision, Precision)
-        check_one_of("trained", self.trained, LearnedPart)
+        check_trained(self.trained, self.network)
         _check_positive(self, "", "steps", "accumulate")
         if not 0.0 <= self.ema_decay < 1.0:
             raise InputError(f"ema_decay is {self.ema_decay:g}; pass 0 or more, less than 1")
@@ -220,7 +231,7 @@ class PatchConfig:
 
     Attributes:
         draws: Number of random places for a patch, of which the one with the most correctable
-            pixels is used.
+            pixels is used; for the residual, with the most wrong pixels.
         correctable_error: Error threshold in pixels per view step: above it a pixel counts as
             wrong, below it a proposal counts as correct.
     """

@@ -17,7 +17,7 @@ from occjax.errors import InputError
 from occjax.lightfield import LightField
 from occjax.models import ModelConfig, ProposalNetConfig
 from occjax.training.config import DataConfig, LearnedPart
-from occjax.training.initial import initial_variables
+from occjax.training.initial import NO_SELECTION, initial_variables
 from occjax.training.prepared import prepared_source
 from occjax.training.step import BatchSource
 from occjax.training.tasks import task_of
@@ -55,7 +55,7 @@ def make_source(
         >>> tiny = recipe("tiny")
         >>> source = make_source(tiny.data, tiny.train.network)  # source(0) is the first batch
     """
-    views = task_of(network).view_selection(config.scenes.views)
+    views = task_of(network, trained=trained).view_selection(config.scenes.views)
     if not isinstance(views, str) and (config.scenes.views, config.scenes.grid) != ("all", views):
         v, u = views
         raise InputError(
@@ -66,7 +66,9 @@ def make_source(
         raise InputError(f"data.kept is {config.kept}; pass 0 or more")
     if config.prepared is not None:
         variables = None
-        if trained == "residual" and isinstance(network, ProposalNetConfig):
+        if trained == "residual":
+            if initial_weights is None:
+                raise InputError(NO_SELECTION)
             variables = initial_variables(network, initial_weights)
         return _prepared(config, config.prepared, network, variables)
     size, seed, augmentation = config.batch_size, config.seed, config.augmentation
@@ -119,7 +121,8 @@ def _prepared(
     if not isinstance(network, ProposalNetConfig) or not only_files:
         raise InputError(
             "data.prepared needs the proposal network, and pools or folders as its only data; pass "
-            "--recipe proposal, --data.pools or --data.folders, and --data.procedural-share 0"
+            "--recipe proposal or residual, --data.pools or --data.folders, and "
+            "--data.procedural-share 0"
         )
     return prepared_source(
         pools,

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import jax
 
-from occjax.errors import InputError
 from occjax.models import ModelConfig, ProposalNetConfig, load_weights
 from occjax.models.bundled import find_weights
+from occjax.models.proposal.network import random_variables
+
+NO_SELECTION = (
+    "the residual is that of a trained selection; pass its weights, for instance "
+    "--initial-weights proposal"
+)
+"""Message for a training of the residual without initial weights."""
 
 
-def initial_variables(network: ModelConfig, weights: str | Path | None) -> dict:
+def initial_variables(network: ModelConfig, weights: str | Path) -> dict:
     """Read the initial weights of a training.
 
     Weights of a ProposalNet without a residual get an untrained one, which is zero everywhere.
@@ -25,27 +30,15 @@ def initial_variables(network: ModelConfig, weights: str | Path | None) -> dict:
         Variables of the model.
 
     Raises:
-        InputError: If the weights cannot be read or were made for another model, or for None: only
-            the residual of a trained selector can be trained.
+        InputError: If the weights cannot be read or were made for another model.
 
     Example:
         >>> from occjax.models import preset
         >>> sorted(initial_variables(preset("proposal"), "proposal")["params"])
         ['residual', 'selector']
     """
-    if weights is None:
-        raise InputError(
-            "the residual is trained with a trained selector; pass its weights, for instance "
-            "--initial-weights proposal"
-        )
-    path = find_weights(weights)
+    variables, _ = load_weights(find_weights(weights), network)
     if not isinstance(network, ProposalNetConfig) or network.residual is None:
-        return load_weights(path, network)[0]
-    stored = load_weights(path)[1]
-    if not isinstance(stored, ProposalNetConfig) or stored.residual is not None:
-        return load_weights(path, network)[0]
-    from occjax.models.proposal.network import random_variables
-
-    selection = load_weights(path, dataclasses.replace(network, residual=None))[0]
+        return variables
     untrained = random_variables(network, jax.random.key(0))
-    return {"params": {**untrained["params"], **selection["params"]}}
+    return {"params": {**untrained["params"], **variables["params"]}}

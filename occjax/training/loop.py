@@ -26,7 +26,7 @@ from occjax.models.bundled import find_weights
 from occjax.training.checkpoints import Checkpoints, open_training_folder
 from occjax.training.config import RunConfig, TrainConfig
 from occjax.training.hosts import Votes, agreed_values, is_first_process, on_first_process
-from occjax.training.initial import initial_variables
+from occjax.training.initial import NO_SELECTION, initial_variables
 from occjax.training.logging import Log, read_log
 from occjax.training.optimiser import learning_rate
 from occjax.training.placement import gather, make_placement
@@ -103,7 +103,8 @@ def train(
         batch_size: Number of examples in the batch of a step. With several processes, each requests
             its rows only; by default one batch is requested to find it.
         initial_weights: Initial weights: a file, or a name that ``occjax weights list`` prints;
-            random weights by default. They are validated before the first step.
+            random weights by default, from which the residual cannot be trained. They are validated
+            before the first step.
         say: Function that is called with lines for the user.
 
     Returns:
@@ -125,6 +126,8 @@ def train(
             train(tiny.train, source, "runs/tiny", run=RunConfig(minutes=5))
     """
     folder, run = Path(folder), run or RunConfig()
+    if config.trained == "residual" and initial_weights is None:
+        raise InputError(NO_SELECTION)
     if not is_first_process():
         say = _quiet
     on_first_process(lambda: check_writable(folder))
@@ -206,7 +209,7 @@ def _quiet(line: str) -> None:
 
 
 def _first_state(config: TrainConfig, batch: Batch, weights: str | Path | None) -> TrainState:
-    if weights is None and config.trained == "selector":
+    if weights is None:
         return init_state(config, batch)
     return state_from_variables(initial_variables(config.network, weights), config)
 

@@ -69,7 +69,7 @@ def penalty(
       reduces an error of several pixels, and its gradient is noise. The factor 5 keeps the penalty
       about as large as the error (equal at 0.27 with the default width), so that its weight
       relative to that of the distribution stays that of ``"l1"``;
-    * ``"truncated"``: ``min(|e|, width)``, for errors that cannot be larger.
+    * ``"truncated"``: ``min(|e|, width)``. Errors above the width have no gradient.
 
     Args:
         error: Estimate minus ground truth, pixels per view step.
@@ -85,9 +85,11 @@ def penalty(
         [0.5, 2.0]
     """
     size = jnp.abs(error)
+    if kind == "l1":
+        return size
     if kind == "log":
         return 5.0 * width * jnp.log1p(size / width)
-    return jnp.minimum(size, width) if kind == "truncated" else size
+    return jnp.minimum(size, width)
 
 
 def inside_border(valid: Bool[Array, "h w"], border: int) -> Bool[Array, "h w"]:

@@ -3,7 +3,7 @@
 The steps before a learned part do not change while it is trained, and take most of the time of a
 training step. The inputs are computed when a light field is first drawn and kept in a folder: the
 proposals for the selector, in about 16 bytes per pixel and proposal, or the volume around the
-selected disparity for the residual, in 92 bytes per pixel.
+selected disparity for the residual, in 95 bytes per pixel.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class PreparedSample(NamedTuple):
 
     Attributes:
         packed: Proposals for the selector; volume, in half precision, for the residual.
-        disparity: ``[h, w]`` true disparity at the configured reach, as that of the inputs.
+        disparity: ``[h, w]`` true disparity, scaled to the configured reach like the inputs.
         valid: ``[h, w]`` pixels with ground truth.
     """
 
@@ -119,6 +119,12 @@ def pack(proposals: Proposals) -> PackedProposals:
     )
 
 
+def pack_volume(volume: ResidualVolume) -> ResidualVolume:
+    """Store all maps but the disparity of a volume in half precision."""
+    half = jax.tree.map(lambda maps: maps.astype(jnp.float16), volume)
+    return half._replace(disparity=volume.disparity)
+
+
 def unpack(packed: PackedProposals) -> Proposals:
     """Return the proposals that :func:`pack` stored, exact up to rounding."""
     costs = jnp.square(packed.costs.astype(jnp.float32) / 255.0)
@@ -161,8 +167,8 @@ def prepared_source(
         patches: Choice of the patches.
         scenes: Scenes from :func:`occjax.data.scenes.load_scenes`, with the views of the network.
         weights: Relative shares of pools and scenes in every batch.
-        variables: Variables of the network, whose selector computes the inputs of the residual; by
-            default those of the selector are computed, which depend on no variables.
+        variables: Variables of the network. If given, the volume for the residual is computed with
+            them; if None, the proposals for the selector, which need no variables.
 
     Returns:
         Source of batches of :class:`PreparedSample`, or of their rows, see
@@ -237,8 +243,7 @@ def prepare(
         sample: The light field.
         network: The network.
         augmentation: How tone and noise are varied.
-        variables: Variables of the network for the inputs of the residual; None for those of the
-            selector.
+        variables: The same as for :func:`prepared_source`.
     """
     tone_key, noise_key = jax.random.split(key)
     sample = random_noise(noise_key, random_tone(tone_key, sample, augmentation), augmentation)
@@ -246,11 +251,7 @@ def prepare(
         proposals, disparity = proposals_and_truth(sample, network)
         return PreparedSample(pack(proposals), disparity, sample.valid)
     volume, disparity = volume_and_truth(sample, network, variables)
-    half = {
-        name: getattr(volume, name).astype(jnp.float16)
-        for name in ("centre", "certainty", "log_information")
-    }
-    return PreparedSample(volume._replace(**half), disparity, sample.valid)
+    return PreparedSample(pack_volume(volume), disparity, sample.valid)
 
 
 def proposals_and_truth(
@@ -275,7 +276,9 @@ def volume_and_truth(
     Returns:
         Both at the configured reach.
     """
-    volume = ProposalNet(network).apply(variables, sample.views, sample.offsets, method="volume")
+    volume = ProposalNet(network).apply(
+        variables, sample.views, sample.offsets, method="compute_volume"
+    )
     assert isinstance(volume, ResidualVolume)
     return volume, _truth_at_reach(sample, network)
 
@@ -400,7 +403,7 @@ def read_prepared(path: Path, *, volume: bool = False) -> PreparedSample:
 
 
 def _correctable(sample: PreparedSample, threshold: float) -> np.ndarray:
-    """Return ``[h, w]`` whether the disparity is wrong and, of proposals, one is correct."""
+    """Return ``[h, w]`` whether the disparity is wrong and a proposal, if any, is correct."""
     truth = np.asarray(sample.disparity)
     wrong = np.abs(np.asarray(sample.packed.disparity) - truth) > threshold
     wrong &= np.asarray(sample.valid)
@@ -430,7 +433,7 @@ def _description(
     checksums = {f"{number}_{scene.name}": scene.checksum() for number, scene in enumerate(scenes)}
     described: dict[str, Any] = {"scene_checksums": checksums} if scenes else {}
     if variables is not None:
-        described["selector"] = _checksum(variables["params"]["selector"])
+        described["selector_checksum"] = _checksum(variables["params"]["selector"])
     varied = ("gamma", "contrast", "brightness", "noise", "noise_probability")
     return {
         "version": occjax.__version__,

@@ -15,6 +15,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float
 
 from occjax.data.samples import LightFieldSample
+from occjax.errors import InputError
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.models import ProposalNet, ProposalNetConfig
 from occjax.models.proposal import Selection
@@ -31,6 +32,11 @@ from occjax.training.prepared import (
     volume_and_truth,
 )
 from occjax.view_selection import ViewSelection
+
+_OTHER_PART = (
+    "the batches are prepared for the other part of ProposalNet; pass the same value of trained to "
+    "make_source and TrainConfig"
+)
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,8 @@ class ProposalTask:
         self, variables: dict, example: LightFieldSample | PreparedSample
     ) -> dict[str, WeightedSum]:
         if isinstance(example, PreparedSample):
-            assert isinstance(example.packed, PackedProposals)
+            if not isinstance(example.packed, PackedProposals):
+                raise InputError(_OTHER_PART)
             proposals, truth = unpack(example.packed), example.disparity
         else:
             check_crop(example.disparity.shape, self.network)
@@ -114,17 +121,19 @@ class ProposalTask:
         self, variables: dict, example: LightFieldSample | PreparedSample
     ) -> dict[str, WeightedSum]:
         if isinstance(example, PreparedSample):
-            assert isinstance(example.packed, ResidualVolume)
+            if not isinstance(example.packed, ResidualVolume):
+                raise InputError(_OTHER_PART)
             volume, truth = example.packed, example.disparity
         else:
             check_crop(example.disparity.shape, self.network)
-            volume, truth = volume_and_truth(example, self.network, variables)
+            fixed = jax.lax.stop_gradient(variables)
+            volume, truth = volume_and_truth(example, self.network, fixed)
         network = ProposalNet(self.network, dtype=self.precision)
-        residual = network.apply(variables, volume, method="residual_of")
+        residual = network.apply(variables, volume, method="compute_residual")
         assert self.network.residual is not None
         assert isinstance(residual, Residual)
         return residual_errors(
-            jax.lax.stop_gradient(volume.disparity),
+            volume.disparity,
             residual,
             truth,
             example.valid,
@@ -190,8 +199,8 @@ def residual_errors(
 ) -> dict[str, WeightedSum]:
     """Compute the errors of a disparity map with its residual.
 
-    Pixels whose disparity is wrong by more than ``reach`` do not count: no candidate is near the
-    truth, and no residual is better than another.
+    Pixels whose disparity is wrong by more than ``reach`` do not count in the penalty: they are too
+    far from the truth for any residual to correct.
 
     Args:
         disparity: ``[h, w]`` disparity without the residual.
@@ -203,8 +212,9 @@ def residual_errors(
 
     Returns:
         ``disparity``, the penalty of the disparity with the residual; ``distribution``, the
-        cross-entropy in nats between the confidence and whether the pixel is not a bad one, over
-        all pixels; ``badpix``, the percentage of bad pixels, which is not part of the loss.
+        cross-entropy in nats between the confidence and whether the pixel is correct (off by at
+        most 0.07), over all pixels; ``badpix``, the percentage of bad pixels, which is not part of
+        the loss.
 
     Example:
         >>> disparity, truth = jnp.array([[0.1, 5.0]]), jnp.zeros((1, 2))

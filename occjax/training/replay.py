@@ -102,7 +102,7 @@ def _load_step(path: Path, config: TrainConfig) -> tuple[TrainState, Batch]:
         stored = checkpointer.metadata(path.absolute()).item_metadata.tree["batch"]
         fields = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), stored)
         if "packed" in fields:
-            kind = PackedProposals if config.trained == "selector" else ResidualVolume
+            kind = ResidualVolume if "relative" in fields["packed"] else PackedProposals
             fields["packed"] = kind(**fields["packed"])
             batch: Batch = PreparedSample(**fields)
         else:

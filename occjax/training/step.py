@@ -157,8 +157,11 @@ def train_step(
         updates, opt_state = optimiser.update(gradients, state.opt_state, state.params)
     params = optax.apply_updates(state.params, updates)
     decay = ema_decay(config.ema_decay, state.step)
-    ema = optax.incremental_update(
-        {"params": params, "batch_stats": batch_stats}, state.ema, 1.0 - decay
+    # Written so that parameters that do not change have an average that does not, either.
+    ema = jax.tree.map(
+        lambda average, value: average + (1.0 - decay) * (value - average),
+        state.ema,
+        {"params": params, "batch_stats": batch_stats},
     )
     after = TrainState(state.step + 1, params, batch_stats, opt_state, ema)
     after = jax.tree.map(partial(jnp.where, applied), after, state)

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from occjax.errors import InputError
 from occjax.models import ModelConfig, OccCasNetConfig, ProposalNetConfig
-from occjax.training.config import LearnedPart, LossConfig, Precision
+from occjax.training.config import LearnedPart, LossConfig, Precision, check_trained
 from occjax.training.losses import WeightedSum
 from occjax.training.occcasnet import OccCasNetTask
 from occjax.training.proposal import ProposalTask
@@ -98,7 +98,6 @@ def task_of(
     if isinstance(network, OccCasNetConfig):
         return OccCasNetTask(network, loss, precision)
     if isinstance(network, ProposalNetConfig) and network.selector is not None:
-        if trained == "residual" and network.residual is None:
-            raise InputError("the model has no residual to train; pass --trained selector")
+        check_trained(trained, network)
         return ProposalTask(network, loss, precision, trained, mesh)
     raise InputError("the model has no weights to train; choose another --network-preset")

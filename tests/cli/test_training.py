@@ -105,6 +105,11 @@ def test_another_preset_brings_its_views(started, tmp_path):
         (["--recipe", "tiny", "--network-preset", "photometric"], "has no weights to train"),
         (["--recipe", "tiny", "--data.folders", "nowhere"], "nowhere"),
         (["--recipe", "tiny", "--validate", "nowhere"], "nowhere"),
+        (["--recipe", "residual", "--network-preset", "tiny"], "has no residual to train"),
+        (
+            ["--recipe", "residual", "--data.prepared", "kept"],
+            "of a trained selection; pass its weights",
+        ),
         (["--recipe", "tiny", "--steps", "0"], "steps is 0; pass more than 0"),
     ],
 )

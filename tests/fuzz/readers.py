@@ -43,7 +43,7 @@ from occjax.models.registry import preset
 from occjax.models.weights import load_weights
 from occjax.results.summary import read_summary
 from occjax.training.logging import read_log
-from occjax.training.prepared import _STORED as PREPARED, read_prepared
+from occjax.training.prepared import _PROPOSALS, _TRUTH, _VOLUME, read_prepared
 from tests.io.files import CONFIG, hci, save_views
 
 RNG = np.random.default_rng(0)
@@ -230,11 +230,17 @@ SAMPLE = numpy_sample(
     offsets=np.zeros((3, 3, 2), np.float32),
     disparity=np.zeros((8, 10), np.float32),
 )
-SIZES = {"h": 8, "w": 10, "k": 4, "13": 13}
-PREPARED_FIELDS = {
-    name: np.zeros([SIZES[axis] for axis in kind.dim_str.split()], kind.dtypes[0])
-    for name, kind in PREPARED.items()
-}
+SIZES = {"h": 8, "w": 10, "k": 4, "13": 13, "d": 5, "4": 4}
+
+
+def zeros_of(kinds):
+    return {
+        name: np.zeros([SIZES[axis] for axis in kind.dim_str.split()], kind.dtypes[0])
+        for name, kind in {**kinds, **_TRUTH}.items()
+    }
+
+
+PREPARED_PROPOSALS, PREPARED_VOLUME = zeros_of(_PROPOSALS), zeros_of(_VOLUME)
 
 
 def sample_fields():
@@ -419,11 +425,18 @@ READERS = (
         partial(as_npz, list(sample_fields())),
     ),
     Reader(
-        "prepared sample",
+        "prepared proposals",
         "000000.npz",
         read_prepared,
-        (joined_npy(PREPARED_FIELDS),),
-        partial(as_npz, list(PREPARED_FIELDS)),
+        (joined_npy(PREPARED_PROPOSALS),),
+        partial(as_npz, list(PREPARED_PROPOSALS)),
+    ),
+    Reader(
+        "prepared volume",
+        "000000.npz",
+        partial(read_prepared, volume=True),
+        (joined_npy(PREPARED_VOLUME),),
+        partial(as_npz, list(PREPARED_VOLUME)),
     ),
     Reader("map in a PNG", "a.png", read_map, (VALUE_PNG,), with_checksums),
     Reader("map in an npy", "a.npy", read_map, (npy(np.ones((8, 10))), npy(np.eye(8, dtype=int)))),

@@ -9,6 +9,7 @@ from flax import traverse_util
 from safetensors.numpy import save_file
 
 from occjax.errors import InputError
+from occjax.estimators import make_estimator
 from occjax.models import ProposalNetConfig, load_weights, preset, save_weights
 from occjax.models.config_json import config_from_json, config_to_json
 from occjax.models.proposal import (
@@ -18,6 +19,7 @@ from occjax.models.proposal import (
     SearchConfig,
     SelectorConfig,
 )
+from occjax.models.registry import preset_name
 from tests.reference.variables import random_variables
 
 KERNEL = "params/aggregation_0/score/kernel"
@@ -211,3 +213,13 @@ def test_configuration_of_a_later_version_is_refused(tmp_path):
         InputError, match=r"later.safetensors: cannot be decoded as the configuration"
     ):
         load_weights(path)
+
+
+def test_weights_without_a_residual_fit_the_model_of_their_name(tmp_path):
+    config = preset("proposal_small", residual=None)
+    save_weights(tmp_path / "earlier.safetensors", random_variables(config), config)
+    _, loaded = load_weights(tmp_path / "earlier.safetensors", preset("proposal_small"))
+    assert loaded == config
+    assert preset_name(loaded) == "proposal_small"
+    estimator = make_estimator("proposal_small", weights=tmp_path / "earlier.safetensors")
+    assert estimator.name == "proposal_small"

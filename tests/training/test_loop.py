@@ -12,10 +12,17 @@ from safetensors import safe_open
 
 from occjax.errors import InputError
 from occjax.models import load_weights, save_weights
-from occjax.training import RunConfig, loop as training_loop, read_log, scenes_from_batch, train
+from occjax.training import (
+    RunConfig,
+    TrainConfig,
+    loop as training_loop,
+    read_log,
+    scenes_from_batch,
+    train,
+)
 from occjax.training.checkpoints import Checkpoints
 from tests.reference.variables import random_variables
-from tests.training.conftest import planes
+from tests.training.conftest import PROPOSAL_NETWORK, planes, prepared_batch
 
 RUN = RunConfig(log_every=2, validate_every=2, prefetch=1, devices=1)
 
@@ -248,3 +255,10 @@ def test_training_starts_from_the_given_weights(uninterrupted, six_steps, begin,
         begin(six_steps, one_plane, tmp_path / "named", initial_weights="light")
     with pytest.raises(InputError, match=r"initial_weights is .*, not None"):
         begin(six_steps, one_plane, tmp_path / "run", initial_weights=None)
+
+
+def test_a_residual_without_a_selection_leaves_no_folder(tmp_path):
+    config = TrainConfig(PROPOSAL_NETWORK, trained="residual")
+    with pytest.raises(InputError, match="of a trained selection; pass its weights"):
+        train(config, lambda step: prepared_batch(), tmp_path / "run")
+    assert not (tmp_path / "run").exists()

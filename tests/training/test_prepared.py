@@ -260,7 +260,7 @@ def test_volumes_belong_to_the_selector_that_computed_them(pool, tmp_path):
     wider = replace(NETWORK, residual=ResidualConfig(widths=(8,)))  # another residual, same inputs
     again = prepared_source([pool], folder, wider, **options, variables=VARIABLES)(0)
     jax.tree.map(np.testing.assert_array_equal, batch, again)
-    with pytest.raises(InputError, match="selector is"):
+    with pytest.raises(InputError, match="selector_checksum is"):
         prepared_source(
             [pool], folder, NETWORK, **options, variables=random_variables(NETWORK, seed=1)
         )

@@ -224,21 +224,23 @@ class ResidualConfig:
         candidates: Candidates relative to the disparity, ascending and symmetric about 0.
         derivative_tolerance: Difference of the derivatives of grey, per pixel, at which their
             robust cost is one half.
-        widths: Channels of the convolutions, one entry for each level: the first has half
-            resolution, each further one half of that before it.
+        widths: Channels of the convolutions of each level: the first works at half resolution, each
+            following one at half the resolution of the one before.
+        measured: Confidence of the selection above which a pixel counts as measured; below it, the
+            learned confidence is reduced, to zero where nothing was found.
     """
 
     candidates: tuple[float, ...] = (-0.3, -0.15, -0.06, -0.02, 0.0, 0.02, 0.06, 0.15, 0.3)
     derivative_tolerance: float = 0.004
     widths: tuple[int, ...] = (48, 48, 64, 64)
+    measured: float = 0.01
 
     def __post_init__(self) -> None:
         """Check the candidates: without training, their mean must be the disparity itself."""
-        candidates = self.candidates
-        if sorted(set(candidates)) != [*candidates] or [-each for each in candidates[::-1]] != [
-            *candidates
-        ]:
-            raise ValueError(f"candidates must be ascending and symmetric about 0: {candidates}")
+        given = [*self.candidates]
+        mirrored = [-each for each in reversed(given)]
+        if sorted(set(given)) != given or given != mirrored or 0.0 not in given:
+            raise ValueError(f"candidates must be ascending and symmetric about 0, with 0: {given}")
 
 
 @dataclass(frozen=True)
@@ -291,8 +293,8 @@ class ConfidenceConfig:
     """Confidence of the disparity.
 
     Attributes:
-        sufficient_certainty: Certainty of the search above which the confidence is that of the
-            selection. Below it, nothing tells the proposals apart.
+        sufficient_certainty: Certainty of the search above which the confidence before the residual
+            is that of the selection. Below it, nothing tells the proposals apart.
         edge_step: Largest minus smallest disparity of 3x3 pixels at which the confidence is halved.
             Without a selector, it is not known which surface a pixel at a depth edge shows.
     """
@@ -347,6 +349,8 @@ class ProposalNetConfig:
                 "the selector works at half resolution and needs search.downsampling=2, not "
                 f"{self.search.downsampling}; set selector=None to search at full resolution"
             )
+        if self.selector is None and self.residual is not None:
+            raise ValueError("the residual needs a selector; set residual=None too")
 
     @property
     def size_multiple(self) -> int:

@@ -68,8 +68,9 @@ class ProposalOutput(NamedTuple):
         coarse: ``[h, w]`` disparity of the semi-global search, median-filtered, at full resolution.
         refined: ``[h, w]`` disparity after the refinement by planes.
         confidence: ``[h, w]`` in [0, 1]; 1 is certain.
-        standard_deviation: ``[h, w]`` standard deviation of the last step's probabilities.
-        selection: Selection before median filters and planes; None without a selector.
+        standard_deviation: ``[h, w]`` standard deviation of the probabilities of the selection, or
+            of the search without a selector.
+        selection: Selection before median filters, residual and planes; None without a selector.
     """
 
     disparity: Float[Array, "h w"]
@@ -80,12 +81,13 @@ class ProposalOutput(NamedTuple):
     selection: Selection | None
 
 
-class _Found(NamedTuple):
-    """Disparity before residual and planes; see :class:`ProposalOutput`."""
+class _Selected(NamedTuple):
+    """Result before the residual and the planes; see :class:`ProposalOutput`."""
 
     disparity: Float[Array, "h w"]
     certainty: Float[Array, "h w"]
     standard_deviation: Float[Array, "h w"]
+    information: Float[Array, "h w"]
     selection: Selection | None
 
 
@@ -151,31 +153,30 @@ class ProposalNet(nn.Module):
             views, candidates, offsets, multiple=self.config.size_multiple, white=white
         )
         searched, coarse, refined = self.search_and_refine(grey, candidates)
-        found = self._find(grey, candidates, searched, refined)
-        disparity, certainty = found.disparity, found.certainty
+        selected = self._select_disparity(grey, candidates, searched, refined)
+        disparity, certainty = selected.disparity, selected.certainty
         if self.config.residual is not None:
-            residual = self.residual(self._volume(grey, found, refined))
+            residual = self.residual(self._volume(grey, selected))
             disparity, certainty = disparity + residual.disparity, residual.confidence
         if self.config.planar is not None:
-            information = refined.information * jnp.square(found.certainty)
-            disparity = flatten_planar_surfaces(disparity, information, self.config.planar)
+            disparity = flatten_planar_surfaces(disparity, selected.information, self.config.planar)
         output = ProposalOutput(
             disparity,
             coarse,
             refined.disparity,
             certainty,
-            found.standard_deviation,
-            found.selection,
+            selected.standard_deviation,
+            selected.selection,
         )
         return _in_original_units(output, scale, height, width)
 
-    def _find(
+    def _select_disparity(
         self,
         grey: GreyViews,
         candidates: Float[Array, " d"],
         searched: SearchResult,
         refined: Refined,
-    ) -> _Found:
+    ) -> _Selected:
         """Select a disparity for each pixel, or keep the refined one; compute its confidence."""
         spread = confidence(searched.probabilities, candidates)
         certainty = spread.certainty(len(candidates))
@@ -198,16 +199,17 @@ class ProposalNet(nn.Module):
             disparity = replace_uncertain(
                 disparity, certainty, grey.centre, self.config.weighted_median
             )
-        return _Found(disparity, certainty, deviation, selection)
+        information = refined.information * jnp.square(certainty)
+        return _Selected(disparity, certainty, deviation, information, selection)
 
-    def _volume(self, grey: GreyViews, found: _Found, refined: Refined) -> ResidualVolume:
-        """Compute the volume around the disparity that was found."""
+    def _volume(self, grey: GreyViews, selected: _Selected) -> ResidualVolume:
+        """Compute the volume around the disparity that was selected."""
         assert self.config.residual is not None
         return residual_volume(
             grey,
-            found.disparity,
-            found.certainty,
-            refined.information * jnp.square(found.certainty),
+            selected.disparity,
+            selected.certainty,
+            selected.information,
             self.config.residual,
         )
 
@@ -294,7 +296,7 @@ class ProposalNet(nn.Module):
         disparity = proposals.disparity + expected_disparity(averaged, difference)
         return Selection(disparity, proposals.proposed, probabilities)
 
-    def residual_of(self, volume: ResidualVolume) -> Residual:
+    def compute_residual(self, volume: ResidualVolume) -> Residual:
         """Compute the residual of a disparity from the volume around it.
 
         Args:
@@ -322,7 +324,7 @@ class ProposalNet(nn.Module):
         proposals = make_proposals(grey, searched, refined.disparity, candidates, self.config)
         return jax.tree.map(lambda maps: maps[..., :height, :width], proposals)
 
-    def volume(
+    def compute_volume(
         self, views: Float[Array, "v u h w"], offsets: Float[Array, "v u 2"]
     ) -> ResidualVolume:
         """Compute the volume around the selected disparity, in the default range.
@@ -341,8 +343,8 @@ class ProposalNet(nn.Module):
             views, None, offsets, multiple=self.config.size_multiple
         )
         searched, _, refined = self.search_and_refine(grey, candidates)
-        found = self._find(grey, candidates, searched, refined)
-        volume = self._volume(grey, found, refined)
+        selected = self._select_disparity(grey, candidates, searched, refined)
+        volume = self._volume(grey, selected)
         return jax.tree.map(lambda maps: maps[..., :height, :width], volume)
 
 
@@ -365,7 +367,7 @@ def random_variables(config: ProposalNetConfig, key: Array) -> dict:
     if config.residual is not None:
         relative = jnp.zeros((STATISTICS, len(config.residual.candidates), *size), jnp.float16)
         volume = ResidualVolume(maps, maps, relative[:, 0], relative, maps, maps)
-        params |= network.init(key, volume, method="residual_of")["params"]
+        params |= network.init(key, volume, method="compute_residual")["params"]
     return {"params": params} if params else {}
 
 

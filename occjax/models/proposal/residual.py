@@ -35,9 +35,9 @@ STATISTICS = 4
 class ResidualVolume(NamedTuple):
     """Cost volume around a disparity map, and the maps that guide its aggregation.
 
-    The statistics are scaled logarithms of the mean squared difference of grey, of the mean squared
-    difference of its derivatives, and of the variance of grey over the views; and the mean robust
-    cost of the derivatives (not a logarithm, third in order).
+    The statistics, in this order: logarithm of the mean squared difference of grey, the same of its
+    derivatives, mean robust cost of the derivatives, logarithm of the variance of grey over the
+    views. Logarithms are scaled by 0.3.
 
     Attributes:
         centre: ``[h, w]`` grey centre view.
@@ -69,7 +69,7 @@ def residual_volume(
         grey: Views.
         disparity: ``[h, w]`` disparity of the centre view, pixels per view step.
         certainty: ``[h, w]`` its confidence in [0, 1].
-        information: ``[h, w]`` inverse variance of the disparity of each pixel by itself.
+        information: ``[h, w]`` information of the refinement, times the squared certainty.
         config: Candidates and tolerance.
 
     Returns:
@@ -116,8 +116,8 @@ class Residual(NamedTuple):
 
     Attributes:
         disparity: ``[h, w]`` residual, to be added to the disparity, pixels per view step.
-        confidence: ``[h, w]`` probability that the sum is not off by more than 0.07 pixels per view
-            step.
+        confidence: ``[h, w]`` probability that the sum is off by at most 0.07 pixels per view step
+            at the configured reach.
     """
 
     disparity: Float[Array, "h w"]
@@ -146,9 +146,7 @@ class ResidualStage(nn.Module):
             volume: Volume; height and width must be multiples of ``2 ** len(config.widths)``.
         """
         candidates = jnp.array(self.config.candidates)
-        volume = jax.tree.map(
-            lambda field: jax.lax.stop_gradient(field.astype(jnp.float32)), volume
-        )
+        volume = jax.tree.map(lambda field: field.astype(jnp.float32), volume)
         features = jnp.concatenate(
             [
                 volume.relative.reshape(-1, *volume.disparity.shape),
@@ -164,6 +162,8 @@ class ResidualStage(nn.Module):
         probabilities = softmax_leading(scores[:-1])
         certainty = jnp.clip(volume.certainty, 1e-4, 1.0 - 1e-3)
         confidence = nn.sigmoid(jnp.log(certainty / (1.0 - certainty)) + scores[-1])
+        # Where nothing was measured, no surface is likely.
+        confidence = confidence * jnp.minimum(volume.certainty / self.config.measured, 1.0)
         return Residual(expected_disparity(probabilities, candidates), confidence)
 
 
@@ -183,5 +183,5 @@ def _guides(volume: ResidualVolume) -> Float[Array, "n h w"]:
 
 
 def _log(square: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Return a scaled logarithm, of a square that rounding or noise keep above zero."""
+    """Return the scaled logarithm of a square; 1e-7 bounds it where the square is 0."""
     return 0.3 * jnp.log(square + 1e-7)

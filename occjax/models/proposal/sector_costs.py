@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Float16, Int
+from jaxtyping import Array, Float, Int
 
 from occjax.kernels.bilinear import inside_view, pack_pairs, warp_packed_pair, warp_plane
 from occjax.models.proposal.aperture import SECTORS, other_views
@@ -160,15 +160,13 @@ def _summed_costs(
     sectors, count = others.sector, SECTORS
     if not by_sector:
         sectors, count = jnp.zeros_like(others.sector), 1
-    centre: list[Array] = []
-    readers = []
-    for each in features:
-        flat = each.reshape(-1, *each.shape[2:])
-        here, reader = jnp.moveaxis(flat[others.centre], -1, 0), _planes_reader(flat)
-        if each.dtype == jnp.float16 and each.shape[-1] == 2:
-            here, reader = here.astype(jnp.float32), _pair_reader(flat)
-        centre.extend(here)
-        readers.append(reader)
+    flat = [each.reshape(-1, *each.shape[2:]) for each in features]
+    readers = [_reader(images) for images in flat]
+    centre = [
+        plane.astype(jnp.float32) if plane.dtype == jnp.float16 else plane
+        for images in flat
+        for plane in jnp.moveaxis(images[others.centre], -1, 0)
+    ]
 
     def add_view(totals, view):
         index, sector, offset, present = view
@@ -191,23 +189,16 @@ def _summed_costs(
     return jnp.stack(sums), weights
 
 
-def _planes_reader(images: Float[Array, "n h w c"]) -> Callable:
+def _reader(images: Float[Array, "n h w c"]) -> Callable:
     """Return a function that takes a view and returns one that warps its channels."""
+    if images.dtype == jnp.float16 and images.shape[-1] == 2:
+        pairs = pack_pairs(images)
+        return lambda index: partial(warp_packed_pair, pairs[index])
     planes = jnp.moveaxis(images, -1, 1)
 
     def reader(index):
         view = planes[index]
         return lambda disparity, offset: [warp_plane(plane, disparity, offset) for plane in view]
-
-    return reader
-
-
-def _pair_reader(images: Float16[Array, "n h w 2"]) -> Callable:
-    """Return the same for two channels that are read together."""
-    pairs = pack_pairs(images)
-
-    def reader(index):
-        return partial(warp_packed_pair, pairs[index])
 
     return reader
 

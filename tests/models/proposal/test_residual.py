@@ -117,8 +117,11 @@ def test_the_last_score_changes_the_odds_of_the_confidence(volume, tolerance):
     variables["params"]["score"]["bias"] = jnp.tile(jnp.array([0.0, 0.0, 0.0, 1.5]), 4)
     certainty = np.clip(np.float64(volume.certainty), 1e-4, 1 - 1e-3)
     odds = certainty / (1 - certainty) * np.exp(1.5)
+    measured = np.minimum(volume.certainty / 0.01, 1)
     confidence = stage.apply(variables, volume).confidence
-    np.testing.assert_allclose(confidence, odds / (1 + odds), **tolerance("float32"))
+    np.testing.assert_allclose(confidence, measured * odds / (1 + odds), **tolerance("float32"))
+    blank = volume._replace(certainty=jnp.zeros_like(volume.certainty))
+    assert not np.any(stage.apply(variables, blank).confidence)  # however large the score is
 
 
 def test_the_network_adds_the_residual_to_the_disparity(uniform, tolerance):
@@ -149,7 +152,14 @@ def test_shapes_of_variables_are_those_of_random_ones():
     assert jax.tree.map(jnp.shape, random) == jax.tree.map(jnp.shape, drawn)
 
 
-@pytest.mark.parametrize("candidates", [(-0.1, 0.0, 0.2), (0.1, 0.0, -0.1), (-0.1, 0.1, 0.1)])
-def test_candidates_must_be_symmetric(candidates):
+@pytest.mark.parametrize(
+    "candidates", [(-0.1, 0.0, 0.2), (0.1, 0.0, -0.1), (-0.1, 0.1, 0.1), (-0.1, 0.1), ()]
+)
+def test_candidates_must_be_symmetric_with_zero(candidates):
     with pytest.raises(ValueError, match="ascending and symmetric about 0"):
         ResidualConfig(candidates=candidates)
+
+
+def test_a_residual_needs_a_selector():
+    with pytest.raises(ValueError, match="set residual=None too"):
+        preset("proposal", selector=None)
