@@ -226,14 +226,11 @@ class ResidualConfig:
             robust cost is one half.
         widths: Channels of the convolutions of each level: the first works at half resolution, each
             following one at half the resolution of the one before.
-        measured: Confidence of the selection above which a pixel counts as measured; below it, the
-            learned confidence is reduced, to zero where nothing was found.
     """
 
     candidates: tuple[float, ...] = (-0.3, -0.15, -0.06, -0.02, 0.0, 0.02, 0.06, 0.15, 0.3)
     derivative_tolerance: float = 0.004
     widths: tuple[int, ...] = (48, 48, 64, 64)
-    measured: float = 0.01
 
     def __post_init__(self) -> None:
         """Check the candidates: without training, their mean must be the disparity itself."""

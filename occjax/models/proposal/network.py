@@ -157,7 +157,10 @@ class ProposalNet(nn.Module):
         disparity, certainty = selected.disparity, selected.certainty
         if self.config.residual is not None:
             residual = self.residual(self._volume(grey, selected))
-            disparity, certainty = disparity + residual.disparity, residual.confidence
+            disparity = disparity + residual.disparity
+            # On scenes unlike those of the training, the product orders the pixels better than the
+            # learned probability alone. It is zero where nothing was found.
+            certainty = certainty * residual.confidence
         if self.config.planar is not None:
             disparity = flatten_planar_surfaces(disparity, selected.information, self.config.planar)
         output = ProposalOutput(

@@ -162,8 +162,6 @@ class ResidualStage(nn.Module):
         probabilities = softmax_leading(scores[:-1])
         certainty = jnp.clip(volume.certainty, 1e-4, 1.0 - 1e-3)
         confidence = nn.sigmoid(jnp.log(certainty / (1.0 - certainty)) + scores[-1])
-        # Where nothing was measured, no surface is likely.
-        confidence = confidence * jnp.minimum(volume.certainty / self.config.measured, 1.0)
         return Residual(expected_disparity(probabilities, candidates), confidence)
 
 

@@ -47,7 +47,7 @@ def test_selection_is_among_the_proposals(output, tolerance):
 
 
 def test_confidence_is_the_probability_of_the_close_proposals(variables, views):
-    """Without the residual, which changes the confidence."""
+    """Without the residual; with it, the confidence is that times a probability."""
     selector = {"params": {"selector": variables["params"]["selector"]}}
     config = dataclasses.replace(CONFIG, residual=None)
     output = apply(selector, views, OFFSETS, CANDIDATES, config=config)
@@ -57,7 +57,8 @@ def test_confidence_is_the_probability_of_the_close_proposals(variables, views):
     probability = np.sum(np.where(close, selection.probabilities, 0), axis=0)
     assert (output.confidence <= probability + 1e-5).all()
     assert np.mean(np.abs(output.confidence - probability) < 1e-5) > 0.5
-    blank = apply(selector, jnp.full_like(views, 0.5), OFFSETS, CANDIDATES, config=config)
+    assert (apply(variables, views, OFFSETS, CANDIDATES).confidence <= output.confidence).all()
+    blank = apply(variables, jnp.full_like(views, 0.5), OFFSETS, CANDIDATES)
     assert blank.confidence.max() < 0.01
 
 
