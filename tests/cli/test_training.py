@@ -156,7 +156,7 @@ def micro(monkeypatch):
         monkeypatch.setattr(module, "RECIPES", table)
     monkeypatch.setattr(training, "DEFAULT_RECIPE", "tiny")
     monkeypatch.setattr(
-        "occjax.training.data.make_source", lambda *_: lambda step, *_: planes(step, count=1)
+        "occjax.training.data.make_source", lambda *_, **__: lambda step, *_: planes(step, count=1)
     )
 
 

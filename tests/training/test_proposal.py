@@ -153,7 +153,7 @@ def test_light_fields_are_trained_on_without_preparation():
         "loss",
     }
     with pytest.raises(InputError, match="crop is 32x40 pixels; the network needs multiples of 16"):
-        jax.eval_shape(partial(init_state, config), batch((32, 40)))
+        jax.eval_shape(partial(train_step, config=config), state, batch((32, 40)))
 
 
 def test_variables_are_those_of_the_network():

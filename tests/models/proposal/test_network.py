@@ -125,9 +125,12 @@ def test_padding_changes_nothing_inside(variables):
     """On a slanted plane, before training: all steps up to the selection are correct."""
     config = dataclasses.replace(CONFIG, reach=1.0)  # of 3x3 views
     scene = plane(grid=(3, 3), size=(48, 32), disparity=0.4, slope=(0.01, -0.006))
-    params = dict(variables["params"]["selector"])
-    params["score"] = jax.tree.map(jnp.zeros_like, params["score"])
-    fresh = {"params": {"selector": params | {"stay": jnp.float32(3.0)}}}
+    params = {
+        name: module | {"score": jax.tree.map(jnp.zeros_like, module["score"])}
+        for name, module in variables["params"].items()
+    }
+    params["selector"]["stay"] = jnp.float32(3.0)
+    fresh = {"params": params}
     views, truth = jnp.asarray(scene.grey()), scene.ground_truth
     assert config.size_multiple == 16
     whole = apply(fresh, views, config=config)
