@@ -40,5 +40,7 @@ def initial_variables(network: ModelConfig, weights: str | Path) -> dict:
     variables, _ = load_weights(find_weights(weights), network)
     if not isinstance(network, ProposalNetConfig) or network.residual is None:
         return variables
+    if "residual" in variables["params"]:
+        return variables
     untrained = random_variables(network, jax.random.key(0))
     return {"params": {**untrained["params"], **variables["params"]}}

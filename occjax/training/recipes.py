@@ -57,8 +57,9 @@ def proposal() -> Recipe:
 def residual() -> Recipe:
     """Return the training of the residual of a trained ProposalNet.
 
-    Command: ``occjax train runs/residual --recipe residual --initial-weights proposal`` with the
-    options for a CPU of :func:`proposal`.
+    Command: ``occjax train runs/residual --recipe residual --initial-weights WEIGHTS`` with the
+    options for a CPU of :func:`proposal`. A residual in WEIGHTS is trained further; without one it
+    starts at zero.
     """
     selection = proposal()
     optimiser = OptimiserConfig(peak_rate=5e-4, warm_up=50, weight_decay=1e-4, clip=1.0)

@@ -125,9 +125,10 @@ def test_the_selector_learns_to_select_the_proposal_of_low_cost(tolerance):
 
 
 @pytest.mark.slow
-def test_light_fields_are_trained_on_without_preparation():
+@pytest.mark.parametrize("name", ["proposal", "residual"])
+def test_light_fields_are_trained_on_without_preparation(name):
     """Traced only, because compiling the search takes a minute."""
-    config = recipe("proposal").train
+    config = recipe(name).train
 
     def like(*shape, dtype=jnp.float32):
         return jax.ShapeDtypeStruct(shape, dtype)
@@ -230,33 +231,6 @@ def test_only_the_residual_is_trained_and_learns_the_cheapest_candidate():
         jax.tree.map(np.testing.assert_array_equal, before["selector"], params["selector"])
     with pytest.raises(InputError, match="prepared for the other part"):
         train_step(init_state(config, batch), prepared_batch(), config=config)
-
-
-@pytest.mark.slow
-def test_the_residual_is_trained_on_light_fields_without_preparation():
-    """Traced only, because compiling the search takes a minute."""
-    config = recipe("residual").train
-    batch = jax.tree.map(
-        lambda field: jax.ShapeDtypeStruct(field.shape, field.dtype),
-        LightFieldSample(
-            views=np.zeros((2, 1, 17, 32, 32), np.float32),
-            offsets=np.zeros((2, 1, 17, 2), np.float32),
-            disparity=np.zeros((2, 32, 32), np.float32),
-            visibility=np.zeros((2, 1, 17, 32, 32), bool),
-            valid=np.zeros((2, 32, 32), bool),
-        ),
-    )
-    state = jax.eval_shape(partial(init_state, config), batch)
-    after, report = jax.eval_shape(partial(train_step, config=config), state, batch)
-    assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
-    assert set(report) == {
-        "applied",
-        "badpix",
-        "disparity",
-        "distribution",
-        "gradient_norm",
-        "loss",
-    }
 
 
 def test_a_network_without_a_residual_cannot_train_it():
