@@ -16,7 +16,7 @@ visible from one side.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 
 import jax.numpy as jnp
@@ -137,20 +137,31 @@ class CostVolumes:
             cross: Views to compare.
             max_disparity: Largest disparity to search, in pixels of the light field per view step.
         """
-        self.config, self.scale = cross.config, cross.scale
-        self.candidates = _candidates(cross, max_disparity)
+        config = self.config = cross.config
+        self.scale = cross.scale
+        spacing = max(
+            config.candidate_motion_px * cross.scale / cross.reach,
+            2 * max_disparity / (config.max_candidates - 1),
+        )
+        count = math.ceil(max_disparity / spacing)
+        self.candidates = np.arange(-count, count + 1) * spacing
         self.step = float(self.candidates[1] - self.candidates[0])
         # At each pixel one arm on the row and one arm on the column count.
         lengths = {arm.on_row: len(arm.images) for arm in cross.arms}
         self.images = sum(lengths.values())
-        self.window = min(2 * self.config.cost_radii_px[n - 1] + 1 for n in lengths.values())
-        cross = _high_pass(cross)
+        self.window = min(2 * config.cost_radii_px[n - 1] + 1 for n in lengths.values())
+        centre = high_pass(cross.centre, config.high_pass_radius_px)
         # JAX computes in the background: all arms are started before the first one is used.
-        running = {
-            (index, axis): _start_arm(cross, arm, axis, self.candidates)
-            for index, arm in enumerate(cross.arms)
-            for axis in (0, 1)
-        }
+        running = {}
+        for index, arm in enumerate(cross.arms):
+            images = np.stack([high_pass(i, config.high_pass_radius_px) for i in arm.images])
+            for axis in (0, 1):
+                offsets = np.zeros((len(images), 2), np.float32)
+                offsets[:, axis] = arm.offsets / cross.scale
+                radius = config.cost_radii_px[len(images) - 1]
+                running[index, axis] = _start_comparison(
+                    centre, images, offsets, self.candidates, radius
+                )
         self._on_row = [arm.on_row for arm in cross.arms]
         self._volumes = {
             key: np.concatenate(parts)[: len(self.candidates)] for key, parts in running.items()
@@ -199,39 +210,6 @@ def motion(on_row: bool, orientation: Orientation) -> tuple[int, int]:
     axis = int(on_row != orientation.swap)
     flipped = orientation.flip_columns if axis == 1 else orientation.flip_rows
     return axis, -1 if flipped else 1
-
-
-def _candidates(cross: Cross, max_disparity: float) -> np.ndarray:
-    """Return ``[d]`` evenly spaced disparities around zero."""
-    step = max(
-        cross.config.candidate_motion_px * cross.scale / cross.reach,
-        2 * max_disparity / (cross.config.max_candidates - 1),
-    )
-    count = math.ceil(max_disparity / step)
-    return np.arange(-count, count + 1) * step
-
-
-def _high_pass(cross: Cross) -> Cross:
-    """Subtract the local mean from every view."""
-    radius = cross.config.high_pass_radius_px
-    arms = [
-        replace(arm, images=np.stack([high_pass(image, radius) for image in arm.images]))
-        for arm in cross.arms
-    ]
-    return replace(cross, centre=high_pass(cross.centre, radius), arms=tuple(arms))
-
-
-def _start_arm(cross: Cross, arm: Arm, axis: int, candidates: np.ndarray) -> list[Array]:
-    """Start the comparison of one arm, moving along one image axis, with the centre view.
-
-    Returns:
-        Parts of the cost volume, see :func:`_start_comparison`.
-    """
-    n = len(arm.images)
-    offsets = np.zeros((n, 2), np.float32)
-    offsets[:, axis] = arm.offsets / cross.scale
-    radius = cross.config.cost_radii_px[n - 1]
-    return _start_comparison(cross.centre, arm.images, offsets, candidates, radius)
 
 
 def lowest_cost(

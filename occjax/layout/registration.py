@@ -291,9 +291,9 @@ class _Views:
     def _is_displaced(self, state: _State, scale: int) -> bool:
         """Return whether any view seems shifted or not at its place, or fits worse than others."""
         misfit = self._relative_loss(state) > self.settings.max_loss_ratio
-        shift = scale * np.abs(self._mean_shift(state)).max(-1)
-        shifted = (shift > self.settings.suspicious_shift_px) & self._significant(state)
-        return bool((shifted | self._moved(state, scale) | misfit).any())
+        shift, significant, moved = self._deviations(state, scale)
+        shifted = (np.abs(shift).max(-1) > self.settings.suspicious_shift_px) & significant
+        return bool((shifted | moved | misfit).any())
 
     def registration(
         self,
@@ -306,7 +306,9 @@ class _Views:
         """Return the corrections that are clear; None if there are none."""
         improvement = self._improvement(images, state)
         clear = improvement > self.settings.min_improvement
-        shifted, moved = self._shifted(state, scale) & clear, self._moved(state, scale) & clear
+        shift, significant, moved = self._deviations(state, scale)
+        shifted = (np.abs(shift).max(-1) > self.settings.min_shift_px) & significant & clear
+        moved = moved & clear
         ratio = 1.0
         if self.free and spacing is not None:
             ratio = spacing * self._stretch(state)[1]
@@ -322,9 +324,9 @@ class _Views:
             shifts = np.zeros((*usable.shape, 2), np.float32)
             # The effect, at the mean disparity, of a position that is not corrected is part of the
             # shift.
-            found = np.where(moved[:, None], state.shifts, self._mean_shift(state)) * scale
+            found = np.where(moved[:, None], scale * state.shifts, shift)
             large = np.abs(found).max(-1) >= self.settings.min_correction_px
-            corrected = large & self._significant(state) & (improvement > 0)
+            corrected = large & significant & (improvement > 0)
             shifts[usable] = np.where(corrected[:, None], found, 0.0)
             shifts = shifts if shifts.any() else None
         moved_in_grid = np.zeros(usable.shape, bool)
@@ -389,26 +391,18 @@ class _Views:
         ]
         return np.array(stretch) / stretch[0]
 
-    def _mean_shift(self, state: _State) -> np.ndarray:
-        """Return the shift of each view at the mean disparity, relative to its nominal place."""
+    def _deviations(self, state: _State, scale: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return how the views deviate from their nominal places.
+
+        Returns:
+            ``[n, 2]`` shift at the mean disparity, in pixels of the light field; ``[n]`` whether
+            noise cannot explain the shift; ``[n]`` whether the camera is clearly not at its place.
+        """
         change = state.positions - self.places * self._stretch(state)
-        return state.shifts - float(state.disparity.mean()) * change
-
-    def _significant(self, state: _State) -> np.ndarray:
-        """Return the views whose shift cannot be explained by noise."""
-        shift = self._mean_shift(state)
-        return np.any(np.abs(shift) > self.settings.significance * state.error, axis=-1)
-
-    def _shifted(self, state: _State, scale: int) -> np.ndarray:
-        """Return the views that are clearly shifted."""
-        large = scale * np.abs(self._mean_shift(state)).max(-1) > self.settings.min_shift_px
-        return large & self._significant(state)
-
-    def _moved(self, state: _State, scale: int) -> np.ndarray:
-        """Return the views whose camera is clearly not at its place in the grid."""
-        change = state.positions - self.places * self._stretch(state)
+        shift = state.shifts - float(state.disparity.mean()) * change
+        significant = np.any(np.abs(shift) > self.settings.significance * state.error, axis=-1)
         effect = scale * float(state.disparity.std()) * np.abs(change).max(-1)
-        return effect > self.settings.min_position_px
+        return scale * shift, significant, effect > self.settings.min_position_px
 
 
 def _single(state: _State) -> tuple[np.ndarray, np.ndarray]:
