@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -400,12 +400,27 @@ class LightField:
         if rows > v or columns > u:
             raise InputError(f"{self.name}: has {v}x{u} views, {rows}x{columns} are needed")
         top, left = np.subtract(centre_index(self.grid), centre_index((rows, columns)))
-        inner = np.s_[top : top + rows, left : left + columns]
-        positions = None if self.positions is None else self.positions[inner]
-        usable = None if self.usable is None else self.usable[inner]
+        return self.rearranged(lambda grid: grid[top : top + rows, left : left + columns])
+
+    def rearranged(self, arrange: Callable[[np.ndarray], np.ndarray]) -> LightField:
+        """Return the views, with their positions and the mask, in another arrangement.
+
+        The values of the positions do not change. The view order report is dropped.
+
+        Args:
+            arrange: Function that swaps, flips, crops or permutes the first two axes of an array
+                ``[V, U, ...]``, which has one entry per view.
+
+        Example:
+            >>> LightField(np.zeros((3, 5, 8, 8))).rearranged(lambda grid: grid[:, 1:4]).grid
+            (3, 3)
+        """
+        positions, usable = (
+            None if grid is None else arrange(grid) for grid in (self.positions, self.usable)
+        )
         return dataclasses.replace(
             self,
-            views=self.views[inner],
+            views=arrange(self.views),
             positions=positions,
             usable=usable,
             view_order_report=None,

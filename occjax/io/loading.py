@@ -128,8 +128,7 @@ def load(
             f"{MIN_VIEW_SIZE_PX}x{MIN_VIEW_SIZE_PX}, arrays as [V, U, H, W] or [V, U, H, W, C]"
         )
     if order == "serpentine":
-        usable = None if stored.usable is None else straightened(stored.usable)
-        stored = dataclasses.replace(stored, views=straightened(stored.views), usable=usable)
+        stored = stored.rearranged(straightened)
     light_field = declared.apply(stored) if declared != Orientation() else stored
     if files is not None:
         usable = files.usable(
@@ -137,7 +136,13 @@ def load(
         )
         light_field = dataclasses.replace(light_field, usable=usable)
     if spacing is not None:
-        light_field = _spaced(path, light_field, spacing)
+        if light_field.positions is not None:
+            raise InputError(
+                f"{path}: has camera positions; leave out spacing, or remove the positions"
+            )
+        rows, columns = spacing
+        offsets = view_offsets(*light_field.grid, column_spacing=columns / rows)
+        light_field = dataclasses.replace(light_field, positions=offsets)
     if views is not None:
         if any(np.greater(views, light_field.grid)):
             raise InputError(
@@ -232,17 +237,6 @@ def _read(
         f"{path}: unknown kind of file; give a folder of views, an image ("
         f"{', '.join(IMAGE_SUFFIXES)}), .npz, .npy, .h5, .hdf5 or .mat"
     )
-
-
-def _spaced(path: Path, light_field: LightField, spacing: tuple[float, float]) -> LightField:
-    """Return the light field with the camera positions of this spacing, in row steps."""
-    rows, columns = spacing
-    if light_field.positions is not None:
-        raise InputError(
-            f"{path}: has camera positions; leave out spacing, or remove the positions"
-        )
-    offsets = view_offsets(*light_field.grid, column_spacing=columns / rows)
-    return dataclasses.replace(light_field, positions=offsets)
 
 
 def _warn_of_view_order(

@@ -8,7 +8,6 @@ makes all others look misplaced, until a neighbour is taken as the centre.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -40,37 +39,21 @@ def recentred(light_field: LightField, axis: int) -> tuple[LightField, tuple[sli
     """
     kept = np.s_[1:] if light_field.grid[axis] % 2 else np.s_[:-1]
     rest = (kept, slice(None)) if axis == 0 else (slice(None), kept)
-    views = light_field.views[rest]
     usable = None if light_field.usable is None else light_field.usable[rest]
     if usable is not None and not usable[centre_index(usable.shape)]:
         return None
-    part = dataclasses.replace(
-        light_field, views=views, usable=usable, ground_truth=None, view_order_report=None
-    )
-    return part, rest
+    part = light_field.rearranged(lambda grid: grid[rest])
+    return dataclasses.replace(part, ground_truth=None), rest
 
 
-def find_disorder(
-    light_field: LightField,
-    declared: float,
-    best: Orientation,
-    score: Callable[[LightField], float],
-    config: ViewOrderConfig,
-) -> Disorder | None:
-    """Return which disorder explains that the views are not consistent in their order.
+def is_serpentine(light_field: LightField, best: Orientation, config: ViewOrderConfig) -> bool:
+    """Return whether the views are clearly more consistent if every second row is reversed.
 
     Args:
         light_field: At least two rows and columns of views, without camera positions.
-        declared: Inconsistency of the views in the order in which they are.
         best: The most consistent of the eight view orders.
-        score: Function that returns the inconsistency of a light field in its order.
         config: Settings.
-
-    Returns:
-        The disorder; None if neither makes the views much more consistent.
     """
-    if min(light_field.grid) < 2 or light_field.positions is not None:
-        return None
     regular = view_offsets(*light_field.grid)
     usable = light_field.usable
     orders = [regular]
@@ -86,9 +69,4 @@ def find_disorder(
         config,
         usable=None if usable is None else usable.reshape(-1),
     )
-    if reading.clear and reading.number == len(orders) - 1:
-        return "serpentine"
-    # Both neighbours are tried: one may be the view that was exchanged with the centre view.
-    parts = [part for axis in (0, 1) if (part := recentred(light_field, axis))]
-    recentred_score = min((score(views) for views, _ in parts), default=declared)
-    return "centre" if declared > config.disorder_ratio * recentred_score else None
+    return reading.clear and reading.number == len(orders) - 1

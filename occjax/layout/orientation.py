@@ -98,25 +98,17 @@ class Orientation:
             >>> Orientation(swap=True).apply(light_field).grid
             (5, 3)
         """
-        views = np.ascontiguousarray(self.lay_out(light_field.views))
-        rows, columns = views.shape[:2]
-        positions, ground_truth = light_field.positions, light_field.ground_truth
-        usable = None if light_field.usable is None else self.lay_out(light_field.usable)
+        moved = light_field.rearranged(lambda grid: np.ascontiguousarray(self.lay_out(grid)))
+        rows, columns = moved.grid
+        positions, ground_truth = moved.positions, moved.ground_truth
         if positions is not None:
-            positions = self.lay_out(positions[..., ::-1] if self.swap else positions)
             signs = np.where([self.flip_rows, self.flip_columns], -1.0, 1.0)
+            positions = positions[..., ::-1] if self.swap else positions
             positions = positions * signs.astype(positions.dtype)
             positions = positions - positions[centre_index((rows, columns))]
         if (self.flip_rows and rows % 2 == 0) or (self.flip_columns and columns % 2 == 0):
             ground_truth = None
-        return dataclasses.replace(
-            light_field,
-            views=views,
-            positions=positions,
-            usable=usable,
-            ground_truth=ground_truth,
-            view_order_report=None,
-        )
+        return dataclasses.replace(moved, positions=positions, ground_truth=ground_truth)
 
     def lay_out(self, grid: np.ndarray) -> np.ndarray:
         """Return an array ``[V, U, ...]`` with its first two axes swapped and flipped; no copy."""

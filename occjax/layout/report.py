@@ -15,7 +15,7 @@ from occjax.errors import InputError
 from occjax.layout.brightness import ViewBrightness, view_brightness
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.consistency import CostVolumes, Cross, view_cross
-from occjax.layout.disorder import Disorder, find_disorder, recentred
+from occjax.layout.disorder import Disorder, is_serpentine, recentred
 from occjax.layout.disparity_range import DisparityMeasurement, measure_disparity
 from occjax.layout.filters import box_mean
 from occjax.layout.occlusion_order import nearer_in_front
@@ -95,24 +95,23 @@ class ViewOrderReport:
         notes = () if self.registration is None else self.registration.notes
         if self.disorder == "serpentine":
             advice = "every second row of views runs backwards; pass order (--order serpentine)"
-            return (advice, *notes)
-        if self.disorder == "centre":
+        elif self.disorder == "centre":
             row, column = centre_index(self.brightness.usable.shape)
-            return (
+            advice = (
                 f"the centre view ({row}, {column}) is not in its place in the grid; without it "
-                "the other views are consistent; exchange its file with the right one",
-                *notes,
+                "the other views are consistent; exchange its file with the right one"
             )
-        if self.disorder == "grid" and self.registration is not None:
+        elif self.disorder == "grid" and self.registration is not None:
             misplaced = self.registration.misplaced
             rows, columns = misplaced.shape
-            return (
+            advice = (
                 f"{misplaced.sum()} of {misplaced.size} views are nearer to another place of the "
                 f"{rows}x{columns} grid than to their own; the grid or the order of the views is "
-                "probably wrong; pass grid (--grid V U), order (--order) or pattern (--pattern)",
-                *notes,
+                "probably wrong; pass grid (--grid V U), order (--order) or pattern (--pattern)"
             )
-        return notes
+        else:
+            return notes
+        return (advice, *notes)
 
     @property
     def at_limit(self) -> bool:
@@ -182,15 +181,12 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
     if (report.conclusive and not report.clearly_worse and orderly) or not report.measured_fraction:
         return report
 
-    def score(views: LightField) -> float:
-        return _measure(views, config).report.scores[DECLARED.name]
-
-    declared = measured.report.scores[DECLARED.name]
-    disorder = find_disorder(light_field, declared, measured.report.best, score, config)
-    if disorder == "serpentine":
-        return dataclasses.replace(report, disorder=disorder, best=DECLARED, clearly_worse=False)
-    if disorder == "centre":
-        report = _report_without_centre(light_field, measured, config)
+    if min(light_field.grid) > 1 and light_field.positions is None:
+        if is_serpentine(light_field, measured.report.best, config):
+            return dataclasses.replace(
+                report, disorder="serpentine", best=DECLARED, clearly_worse=False
+            )
+        report = _report_without_centre(light_field, measured, config) or report
     misplaced = 0.0 if report.registration is None else report.registration.misplaced.mean()
     if report.disorder is None and misplaced > config.max_misplaced_fraction:
         return dataclasses.replace(report, disorder="grid")
@@ -199,17 +195,21 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
 
 def _report_without_centre(
     light_field: LightField, measured: _Measured, config: ViewOrderConfig
-) -> ViewOrderReport:
-    """Return the report on a light field whose centre view seems not to be in its place.
+) -> ViewOrderReport | None:
+    """Return the report on a light field whose centre view seems not to be in its place, else None.
 
     A neighbour of the centre view is taken as the centre, and the positions of the other views are
     measured relative to it. They may show that only neighbours of the centre view are misplaced.
+    Both neighbours are tried: one may be the view that was exchanged with the centre view.
     """
     parts = [part for axis in (0, 1) if (part := recentred(light_field, axis))]
     others, rest, found = min(
         ((*part, _measure(part[0], config)) for part in parts),
-        key=lambda each: each[-1].report.scores[DECLARED.name],
+        key=lambda each: each[-1].score,
+        default=(light_field, (), measured),
     )
+    if measured.score <= config.disorder_ratio * found.score:
+        return None
     relative = register(others, found.report.brightness, found.disparity, found.scale, config)
     registration, misplaced = None, True
     if relative is not None and relative.positions is not None:
@@ -259,13 +259,13 @@ def _registered_report(
     )
     if registration is None:
         return report, False
-    corrected = _measure(registration.apply(light_field), config).report
+    corrected = _measure(registration.apply(light_field), config)
     # The correction of single views hardly changes the score; that of the spacing must lower it.
     improvement = 0.0 if spacing is None else config.registration.min_improvement
     limit = (1 - improvement) * report.scores[DECLARED.name] + config.noise_floor
-    if corrected.scores[DECLARED.name] > limit:
+    if corrected.score > limit:
         return report, True
-    return dataclasses.replace(corrected, registration=registration), False
+    return dataclasses.replace(corrected.report, registration=registration), False
 
 
 def view_order_scores(light_field: LightField, config: ViewOrderConfig) -> dict[str, float]:
@@ -315,6 +315,11 @@ class _Measured:
     volumes: CostVolumes
     disparity: np.ndarray
     scale: int
+
+    @property
+    def score(self) -> float:
+        """Inconsistency of the views in the order in which they are."""
+        return self.report.scores[DECLARED.name]
 
 
 def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:

@@ -202,6 +202,17 @@ def test_serpentine_order(tmp_path, views):
     np.testing.assert_array_equal(turned[::2], views[::2])
 
 
+def test_camera_positions_follow_views_in_serpentine_order(tmp_path, views):
+    positions = np.stack(np.meshgrid(np.arange(-2.0, 3.0), np.arange(-2.0, 3.0), indexing="ij"), -1)
+    stored_views, stored_positions = views.copy(), positions.copy()
+    for row in (1, 3):
+        stored_views[row], stored_positions[row] = views[row, ::-1], positions[row, ::-1]
+    np.savez(tmp_path / "scene.npz", views=stored_views, positions=stored_positions)
+    loaded = load_unchecked(tmp_path / "scene.npz", order="serpentine")
+    np.testing.assert_array_equal(loaded.views, views)
+    np.testing.assert_array_equal(loaded.positions, positions)
+
+
 def test_numbers_with_gaps_are_counted_not_subtracted(tmp_path, views):
     save_views(tmp_path, views[:, :4], lambda v, u: f"IMG_{731 + 3 * (5 * v + u):04d}.png")
     with pytest.raises(InputError, match=r"20 views up to .* do not form a square grid"):
