@@ -60,8 +60,8 @@ def read_arrays(
             f"{path}: is one array without a name; leave out key (--key {key}), which chooses "
             "among the arrays of an .npz, HDF5 or .mat file"
         )
-    views = check_views(path, unstacked(_find_views(path, arrays, key), grid))
-    fields = _optional_fields(path, arrays, key)
+    views, fields = _views_and_fields(path, arrays, key)
+    views = check_views(path, unstacked(views, grid))
     if "ground_truth" in fields:
         fields["ground_truth"] = check_ground_truth(path, fields["ground_truth"], views.shape[2:4])
     if "disparity_range" in fields:
@@ -317,45 +317,33 @@ def _check_range(path: Path, values: np.ndarray) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _find_views(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> np.ndarray:
-    """Return the array that contains the views."""
+def _views_and_fields(
+    path: Path, arrays: dict[str, np.ndarray], key: str | None
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Return the array of the views, and the optional fields; other names need a key."""
     if key is None and len(arrays) == 1:
-        return next(iter(arrays.values()))
+        return next(iter(arrays.values())), {}
+    named = {name.lower(): array for name, array in arrays.items()}
+    if len(named) < len(arrays):
+        raise InputError(f"{path}: has keys that differ only in case; remove one of them")
     name = key or "views"
-    named = arrays if name in arrays else _lower_case(path, arrays)
-    if name not in named:
+    if name.lower() not in named:
         present = [array for array in arrays if array]
         raise InputError(
             f"{path}: has no array {name!r} (it has: {listed(arrays)}); "
             f"{nearest(name, present, otherwise='pass key (--key NAME)')}"
         )
-    return named[name]
-
-
-def _optional_fields(path: Path, arrays: dict[str, np.ndarray], key: str | None) -> dict[str, Any]:
-    """Return the arrays other than the views; unknown names are refused."""
-    if key is None and len(arrays) == 1:
-        return {}
-    known = ("views" if key is None else key.lower(), *OPTIONAL_FIELDS)
-    named = _lower_case(path, arrays)
+    known = ("views", *OPTIONAL_FIELDS)
     unknown = [name for name in arrays if name.lower() not in known]
     if unknown and key is None:
         raise InputError(
             f"{path}: has unknown keys ({', '.join(unknown)}); known are {', '.join(known)}; "
             "rename or remove the others, or pass key (--key views)"
         )
-    return {name: named[name] for name in OPTIONAL_FIELDS if name in named}
+    return named[name.lower()], {field: named[field] for field in OPTIONAL_FIELDS if field in named}
 
 
 def listed(arrays: Mapping[str, Any]) -> str:
     """Return the names and ``shape`` of some arrays, for messages; ``"none"`` if there is none."""
     content = [f"{name} {list(array.shape)}" for name, array in arrays.items()]
     return ", ".join(content[:8]) + ", ..." * (len(content) > 8) if content else "none"
-
-
-def _lower_case(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the arrays by their names in lower case."""
-    named = {name.lower(): array for name, array in arrays.items()}
-    if len(named) < len(arrays):
-        raise InputError(f"{path}: has keys that differ only in case; remove one of them")
-    return named

@@ -19,7 +19,6 @@ import stat
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from itertools import takewhile
 from pathlib import Path
 
 from occjax.errors import InputError
@@ -129,7 +128,7 @@ def atomic_folder(
 def check_writable(folder: str | Path) -> None:
     """Verify that a folder can be written, before a long computation whose results go there.
 
-    The test creates the folder and a folder in it, and removes both again.
+    The test creates what is missing within a temporary folder, and removes it again.
 
     Args:
         folder: A folder, which may not exist yet.
@@ -150,36 +149,19 @@ def check_writable(folder: str | Path) -> None:
         ...     print(str(error).removeprefix(str(path)))
         : cannot be written (it is a file); choose another place
     """
-    folder, tests = Path(folder), 100
-    for test in range(tests):
-        try:
-            _create_and_remove(folder)
-            return
-        except OSError as error:
-            # Of two processes that test one folder, each removes what the other one has found.
-            disturbed = isinstance(error, FileNotFoundError | FileExistsError)
-            if not disturbed or test == tests - 1:
-                raise CannotWriteError(folder, _reason(error)) from error
-            time.sleep(1e-4 * test)
-
-
-def _create_and_remove(folder: Path) -> None:
-    """Create a folder in a folder, which may not exist yet, and remove all that was created."""
-    created: list[Path] = []
+    folder = Path(folder)
     try:
-        missing = list(takewhile(lambda place: not place.exists(), (folder, *folder.parents)))
-        present = missing[-1].parent if missing else folder
-        # Unlike ``is_dir``, this raises if another process has removed it.
+        present = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
         if not stat.S_ISDIR(present.stat().st_mode):
             itself = "it" if present == folder else present
             raise CannotWriteError(folder, f"{itself} is a file")
-        for place in (*reversed(missing), _temporary_path(folder / "new")):
-            place.mkdir()
-            created.append(place)
-    finally:
-        for place in reversed(created):
-            with suppress(OSError):
-                place.rmdir()
+        temporary = _temporary_path(present / "new")
+        try:
+            (temporary / folder.relative_to(present)).mkdir(parents=True)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+    except OSError as error:
+        raise CannotWriteError(folder, _reason(error)) from error
 
 
 def remove_remains(folder: str | Path) -> list[Path]:

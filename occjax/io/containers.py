@@ -136,7 +136,13 @@ def _read_light_field(
         image = stored.read()
         if stored.reversed or (stored.reversed is None and "_SAI_" in name):  # written by MATLAB
             image, order = image.T, "WH"
-        views = check_views(path, _tiled_views(path, name, image, grid))
+        tiles = grid or repeated_tiles(image)
+        if tiles is None:
+            raise InputError(
+                f"{path}: {name} is {list(image.shape)}, whose grid of tiles is unknown; "
+                "pass grid (--grid V U)"
+            )
+        views = check_views(path, split_tiles(image[..., None], tiles))
     elif grid is not None and not axis_roles(stored.shape):
         views = check_views(path, unstacked(stored.read(), grid))
     else:
@@ -222,16 +228,3 @@ def _orders(path: Path, name: str, stored: StoredArray) -> list[str]:
         for role in roles
     ]
     return [axis_order(role, reverse=reverse) for role, reverse in zip(roles, matlab, strict=True)]
-
-
-def _tiled_views(
-    path: Path, name: str, image: np.ndarray, grid: tuple[int, int] | None
-) -> np.ndarray:
-    """Return views that are tiled in an image."""
-    found = grid or repeated_tiles(image)
-    if found is None:
-        raise InputError(
-            f"{path}: {name} is {list(image.shape)}, whose grid of tiles is unknown; "
-            "pass grid (--grid V U)"
-        )
-    return split_tiles(image[..., None], found)

@@ -38,22 +38,11 @@ def gantry_grid(folder: str, named: NamedViews) -> tuple[NamedViews, np.ndarray]
             for match in named.matches.values()
         ]
     )
-    positions = _regular(np.array(list(named.matches)), measured, named.grid)
-    positions[tuple(np.transpose(list(named.matches)))] = measured
+    indices = np.array(list(named.matches))
+    # Missing views have their places in the regular grid that is closest to the measured positions.
+    coefficients = np.linalg.lstsq(np.column_stack([indices, np.ones(len(indices))]), measured)[0]
+    positions = np.stack([*np.indices(named.grid), np.ones(named.grid)], axis=-1) @ coefficients
+    positions[tuple(indices.T)] = measured
     named, positions = arranged(folder, named, positions)
     steps = [step for step in spacing(positions) if step]
     return named, relative_to_centre(positions, float(np.mean(steps)) if steps else 1.0)
-
-
-def _regular(indices: np.ndarray, measured: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
-    """Return the ``[V, U, 2]`` positions of the regular grid closest to ``[n, 2]`` positions.
-
-    Args:
-        indices: ``[n, 2]`` index ``(v, u)`` of each measured view.
-        measured: ``[n, 2]`` its position ``(y, x)``.
-        grid: ``(V, U)``.
-    """
-    terms = np.column_stack([indices, np.ones(len(indices))])
-    coefficients = np.linalg.lstsq(terms, measured)[0]
-    everywhere = np.stack([*np.indices(grid), np.ones(grid)], axis=-1)
-    return everywhere @ coefficients

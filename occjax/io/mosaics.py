@@ -127,24 +127,33 @@ def detect_mosaic(
     """
     if _has_dark_views(image, grid, config):
         return "macpi"
-    at_tiles, at_lenses, elsewhere = [], [], []
+    profiles, tiles, lenses = [], [], []
     for axis, count in enumerate(grid):
         size = image.shape[axis] // count
         if count == 1 or size == 1:
             continue
-        steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
-        profile = steps.mean(axis=tuple(other for other in range(3) if other != axis))
         position = np.arange(1, count * size)
-        tile, lens = position % size == 0, position % count == 0
-        at_tiles.append(profile[tile])
-        at_lenses.append(profile[lens & ~tile])
-        elsewhere.append(profile[~lens & ~tile])
-    if not at_tiles:
+        profiles.append(_brightness_steps(image, axis))
+        tiles.append(position % size == 0)
+        lenses.append(position % count == 0)
+    if not profiles:
         return "tiled"  # one view, or views of one pixel: both arrangements are the same
-    threshold = config.min_seam_ratio * _mean(elsewhere)
-    if _mean(at_lenses) > threshold:
+    profile, tile, lens = map(np.concatenate, (profiles, tiles, lenses))
+    threshold = config.min_seam_ratio * _mean(profile[~lens & ~tile])
+    if _mean(profile[lens & ~tile]) > threshold:
         return "macpi"
-    return "tiled" if _mean(at_tiles) > threshold else None
+    return "tiled" if _mean(profile[tile]) > threshold else None
+
+
+def _brightness_steps(image: np.ndarray, axis: int) -> np.ndarray:
+    """Return the mean difference of each row of pixels (axis 0), or column (1), from the next."""
+    steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
+    return steps.mean(axis=(1 - axis, 2))
+
+
+def _mean(values: np.ndarray) -> float:
+    """Return the mean of all values; 0 if there are none."""
+    return float(values.mean()) if values.size else 0.0
 
 
 def lens_period(
@@ -167,8 +176,7 @@ def lens_period(
     """
     period = []
     for axis, count in enumerate(grid):
-        steps = np.abs(np.diff(image.astype(np.float32), axis=axis))
-        profile = steps.mean(axis=tuple(other for other in range(3) if other != axis))
+        profile = _brightness_steps(image, axis)
         position = np.arange(1, image.shape[axis])
         inner = position % (image.shape[axis] // count) != 0
         ratios = {}
@@ -269,12 +277,6 @@ def _view_size(
             f"pass the right grid (--grid V U) or crop the image{remedy}"
         )
     return height // rows, width // columns
-
-
-def _mean(profiles: list[np.ndarray]) -> float:
-    """Return the mean of all values; 0 if there are none."""
-    values = np.concatenate(profiles)
-    return float(values.mean()) if values.size else 0.0
 
 
 def split_tiles(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:

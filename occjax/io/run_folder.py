@@ -52,12 +52,13 @@ def open_run_folder(
         : holds a pool with other settings: seed is 1, not 2; choose another folder
     """
     check_writable(folder)
-    settings, file = _as_json(settings), folder / name
+    file = folder / name
+    expected: dict[str, Any] = json.loads(json.dumps(settings, default=str))  # as it is read back
     if file.exists():
         stored = read_description(file)
         compared = [
             {field: value for field, value in description.items() if field not in may_differ}
-            for description in (settings, stored)
+            for description in (expected, stored)
         ]
         difference = first_difference(*compared)
         if difference is not None:
@@ -68,8 +69,8 @@ def open_run_folder(
         return stored
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError(f"{folder}: is neither empty nor {contents}; choose another folder")
-    write_description(file, settings)
-    return settings
+    write_description(file, expected)
+    return expected
 
 
 def write_description(file: Path, description: Mapping[str, Any]) -> None:
@@ -123,11 +124,6 @@ def first_difference(expected: Any, stored: Any) -> str | None:
         if name not in ours or name not in theirs or ours[name] != theirs[name]:
             return f"{name} is {theirs.get(name, 'absent')}, not {ours.get(name, 'absent')}"
     return None
-
-
-def _as_json(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a description as it is read back: tuples become lists, paths become text."""
-    return json.loads(json.dumps(description, default=str))
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from pathlib import PurePosixPath
 
 from occjax.io.images import IMAGE_SUFFIXES
@@ -48,10 +48,10 @@ def fitting_patterns(names: list[str]) -> list[str]:
     if not groups:
         return []
     template, paths = max(groups.items(), key=lambda item: len({_stem(path) for path in item[1]}))
-    stems = {
-        suffix: [_stem(path) for path in paths if path.suffix == suffix]
-        for suffix in _suffixes(paths)
-    }
+    by_suffix = defaultdict(list)
+    for path in paths:
+        by_suffix[path.suffix].append(_stem(path))
+    stems = dict(sorted(by_suffix.items(), key=_frequent_first))
     together = [_stem(path) for path in paths]
     if len(stems) > 1 and len(set(together)) == len(together):
         stems = {".*": together, **stems}
@@ -69,14 +69,10 @@ def _stem(path: PurePosixPath) -> str:
     return str(path.with_suffix(""))
 
 
-def _suffixes(paths: list[PurePosixPath]) -> list[str]:
-    """Return the suffixes of the paths, the most frequent first."""
-    counts = Counter(path.suffix for path in paths)
-
-    def rank(suffix: str) -> tuple[int, int]:
-        return -counts[suffix], IMAGE_SUFFIXES.index(suffix.lower())
-
-    return sorted(counts, key=rank)
+def _frequent_first(item: tuple[str, list[str]]) -> tuple[int, int]:
+    """Return a key that sorts suffixes with their stems: the most frequent suffix first."""
+    suffix, stems = item
+    return -len(stems), IMAGE_SUFFIXES.index(suffix.lower())
 
 
 def _fitting(template: str, suffix: str, stems: list[str]) -> tuple[list[str], bool]:
@@ -97,19 +93,14 @@ def _fitting(template: str, suffix: str, stems: list[str]) -> tuple[list[str], b
     full = [pair for pair, filled in pairs.items() if filled == 1.0]
     chosen = full or [pair for pair, filled in pairs.items() if filled >= 0.5]
     if chosen:
-        patterns = [_pattern(template, suffix, {a: "{v}", b: "{u}"}, fixed) for a, b in chosen]
+        patterns = [_pattern(template, suffix, fixed | {a: "{v}", b: "{u}"}) for a, b in chosen]
         return patterns, bool(full)
     numbers = [index for index in fields if len(set(columns[index])) == len(stems)]
-    patterns = [_pattern(template, suffix, {index: "{i}"}, fixed) for index in numbers[:1]]
+    patterns = [_pattern(template, suffix, fixed | {index: "{i}"}) for index in numbers[:1]]
     return patterns, bool(patterns) and math.isqrt(len(stems)) ** 2 == len(stems)
 
 
-def _pattern(template: str, suffix: str, chosen: dict[int, str], fixed: dict[int, str]) -> str:
-    """Write the fields into the template; those that are neither chosen nor fixed become ``*``."""
-    fields = itertools.count()
-    return re.sub("\0", lambda _: _field(next(fields), chosen, fixed), template) + suffix
-
-
-def _field(index: int, chosen: dict[int, str], fixed: dict[int, str]) -> str:
-    """Return the text of one field of a pattern."""
-    return chosen.get(index) or fixed.get(index, "*")
+def _pattern(template: str, suffix: str, fields: dict[int, str]) -> str:
+    """Write fields into the template by their number; the others become ``*``."""
+    numbers = itertools.count()
+    return re.sub("\0", lambda _: fields.get(next(numbers), "*"), template) + suffix
