@@ -163,14 +163,9 @@ def load_or_compile(
         with jax.default_device(device):
             return jax.jit(function).lower(*arguments)
 
-    traced = None if name is not None else lower()
-    folder, path = _private_folder(), None
-    if folder is not None:
-        identity = name if traced is None else (traced.as_text(),)
-        assert identity is not None
-        path = folder / (_key(identity, structure, shapes, device) + SUFFIX)
+    traced = lower() if name is None else None
 
-    def build() -> Callable[..., Any]:
+    def build(path: Path | None) -> Callable[..., Any]:
         _report.get()()
         compiled = (traced or lower()).compile()
         release_memory()
@@ -178,15 +173,18 @@ def load_or_compile(
             _write(path, compiled)
         return compiled
 
-    program = None
-    if path is not None:
-        early = _preloaded.pop(path, None)
-        program = _read(path, device) if early is None else early.result()
-    if path is None or program is None:
-        return build()
+    folder = _private_folder()
+    if folder is None:
+        return build(None)
+    identity = name if traced is None else (traced.as_text(),)
+    path = folder / (_key(identity, structure, shapes, device) + SUFFIX)
+    early = _preloaded.pop(path, None)
+    program = _read(path, device) if early is None else early.result()
+    if program is None:
+        return build(path)
     with suppress(OSError):  # the time of the last use
         os.utime(path)
-    return _replaced_if_broken(program, build)
+    return _replaced_if_broken(program, lambda: build(path))
 
 
 def preload() -> None:
@@ -323,25 +321,25 @@ def _replaced_if_broken(
 
     Some versions of XLA load programs in which functions are missing, and find it at the call.
     """
-    verified: list[Callable[..., Any]] = []
+    verified: Callable[..., Any] | None = None
 
     def call(*arguments: Any) -> Any:
-        if verified:
-            return verified[0](*arguments)
-        try:
-            result = jax.block_until_ready(program(*arguments))
-            verified.append(program)
-        except jax.errors.JaxRuntimeError as error:
-            if "NOT_FOUND" not in str(error):
-                raise
-            verified.append(compile_again())
-            result = verified[0](*arguments)
-        return result
+        nonlocal verified
+        if verified is None:
+            try:
+                result = jax.block_until_ready(program(*arguments))
+                verified = program
+                return result
+            except jax.errors.JaxRuntimeError as error:
+                if "NOT_FOUND" not in str(error):
+                    raise
+                verified = compile_again()
+        return verified(*arguments)
 
     return call
 
 
-def _key(name: tuple, structure: Any, shapes: tuple, device: jax.Device) -> str:
+def _key(identity: tuple | None, structure: Any, shapes: tuple, device: jax.Device) -> str:
     """Return a hash of everything that a program depends on."""
     settings = [
         (option, repr(value))
@@ -351,7 +349,7 @@ def _key(name: tuple, structure: Any, shapes: tuple, device: jax.Device) -> str:
     # Context managers change options that are not among these values, such as the default type.
     double = jax.dtypes.canonicalize_dtype("float64").name
     target = (device.platform, device.device_kind, device.id)
-    parts = (name, str(structure), shapes, settings, double, target, _environment())
+    parts = (identity, str(structure), shapes, settings, double, target, _environment())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:40]
 
 
