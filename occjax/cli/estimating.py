@@ -130,7 +130,7 @@ def estimate_command(
         find_weights(weights)
     # The rest imports JAX. A wrong argument is reported without it.
     from occjax.cli.scene_lists import listed_scenes
-    from occjax.cli.scenes import RunOptions, estimate_scenes
+    from occjax.cli.scenes import EstimateRun, estimate_scenes
     from occjax.estimators import make_estimator
     from occjax.estimators.ranges import check_range
     from occjax.io.atomic import check_writable
@@ -149,17 +149,26 @@ def estimate_command(
 
         check_report()
         options = dataclasses.replace(options, save=(*options.save, "occlusion"))
-    run = RunOptions(overwrite, share or (0, 1), fps if video else None, view, all_views)
     if video:
         check_video(output / "disparity.mp4", fps)
         if "maps" not in options.save:
             raise InputError("a video is made of the maps; add maps to --save")
-    estimator = make_estimator(model, weights=weights, warp=warp, precision=precision)
-    check_writable(output)
-    html = output / "report.html" if report else None
-    return estimate_scenes(
-        scenes, output, estimator, view_order, camera, disparity_range, options, run, html=html
+    run = EstimateRun(
+        output,
+        make_estimator(model, weights=weights, warp=warp, precision=precision),
+        view_order,
+        camera,
+        disparity_range,
+        options,
+        overwrite=overwrite,
+        share=share or (0, 1),
+        fps=fps if video else None,
+        view=view,
+        all_views=all_views,
+        report=report,
     )
+    check_writable(output)
+    return estimate_scenes(scenes, run)
 
 
 def demo_command(

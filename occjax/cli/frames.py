@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,52 +18,44 @@ from occjax.viz.colour import disparity_limits
 from occjax.viz.pictures import disparity_picture
 
 
-class FrameReader:
-    """Reader of the frames of a video.
+def frame_reader(first: Path, view_order: ViewOrderOptions) -> Callable[[Path], LightField]:
+    """Read and measure the first frame of a video, and return the reader of its frames.
 
     View order, shifts and positions of the views, and the disparity range are measured on the first
     frame and used for all: the cameras of a video do not move against each other, and frames of one
     range share a compiled program.
+
+    Args:
+        first: File or folder of the light field of the first frame.
+        view_order: How the files of each frame store the views.
+
+    Returns:
+        Function that reads the light field of a frame. It raises an :class:`InputError` if that
+        cannot be read, or has other views than the first frame.
+
+    Raises:
+        InputError: If the first frame cannot be read.
     """
+    measured = view_order.load(first)
+    disparity_range, _ = disparity_range_of(measured)
 
-    def __init__(self, first: Path, view_order: ViewOrderOptions) -> None:
-        """Read and measure the first frame.
-
-        Args:
-            first: File or folder of its light field.
-            view_order: How the files of each frame store the views.
-
-        Raises:
-            InputError: If it cannot be read.
-        """
-        self._path, self._view_order = first, view_order
-        self._first = view_order.load(first)
-        self._range, _ = disparity_range_of(self._first)
-
-    def __call__(self, frame: Path) -> LightField:
-        """Read a frame.
-
-        Args:
-            frame: File or folder of its light field.
-
-        Raises:
-            InputError: If it cannot be read, or has other views than the first frame.
-        """
-        first = self._first
-        if frame == self._path:
-            return first
-        light_field = self._view_order.load(frame, check_orientation=False)
-        if light_field.views.shape != first.views.shape:
+    def read(frame: Path) -> LightField:
+        if frame == first:
+            return measured
+        light_field = view_order.load(frame, check_orientation=False)
+        if light_field.views.shape != measured.views.shape:
             raise InputError(
                 f"{frame}: has views {list(light_field.views.shape)}, but those of the first frame "
-                f"{self._path} are {list(first.views.shape)}; all frames need the same"
+                f"{first} are {list(measured.views.shape)}; all frames need the same"
             )
         return dataclasses.replace(
             light_field,
-            disparity_range=self._range,
-            positions=first.positions,
-            view_order_report=first.view_order_report,
+            disparity_range=disparity_range,
+            positions=measured.positions,
+            view_order_report=measured.view_order_report,
         )
+
+    return read
 
 
 def write_disparity_video(path: Path, frames: Sequence[Path], *, frames_per_second: float) -> None:

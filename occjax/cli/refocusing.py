@@ -95,18 +95,24 @@ def refocus_command(
             f"{output}: not the name of a picture; use one of the suffixes "
             f"{', '.join(PICTURE_SUFFIXES)}"
         )
+    from PIL import Image
+
+    from occjax.io.atomic import atomic_path
+
     refocuser = _refocuser(scene, view_order)
     if all_in_focus:
         picture = refocuser.all_in_focus(_disparity_map(refocuser, result), aperture=aperture)
-        _write_picture(output, picture)
-        print(f"{output}: all in focus")
-        return 0
-    if at is not None:
-        disparity = _disparity_at(refocuser, at, result)
-        print(f"pixel {at[0]} {at[1]}: disparity {disparity:.2f} pixels per view step")
-    assert disparity is not None
-    _write_picture(output, refocuser.image(disparity, aperture=aperture))
-    print(f"{output}: focus at disparity {disparity:.2f} pixels per view step")
+        written = "all in focus"
+    else:
+        if at is not None:
+            disparity = _disparity_at(refocuser, at, result)
+            print(f"pixel {at[0]} {at[1]}: disparity {disparity:.2f} pixels per view step")
+        assert disparity is not None
+        picture = refocuser.image(disparity, aperture=aperture)
+        written = f"focus at disparity {disparity:.2f} pixels per view step"
+    with atomic_path(output) as temporary:
+        Image.fromarray(picture).save(temporary)
+    print(f"{output}: {written}")
     return 0
 
 
@@ -218,12 +224,3 @@ def _estimate_at(light_field: LightField, at: tuple[int, int], *, window_px: int
     )
     found = estimate(window, disparity_range=disparity_range_of(light_field)[0])
     return float(found.disparity[at[0] - starts[0], at[1] - starts[1]])
-
-
-def _write_picture(path: Path, picture: np.ndarray) -> None:
-    from PIL import Image
-
-    from occjax.io.atomic import atomic_path
-
-    with atomic_path(path) as temporary:
-        Image.fromarray(picture).save(temporary)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from occjax import programs
-from occjax.cli.frames import FrameReader, write_disparity_video
+from occjax.cli.frames import frame_reader, write_disparity_video
 from occjax.cli.options import CameraOptions, ViewOrderOptions
 from occjax.cli.pipelines import Pipelines
 from occjax.cli.resuming import complete_summary, estimator_settings, files_sha256
@@ -28,23 +28,37 @@ from occjax.results.outputs import OutputOptions, Outputs, write_outputs
 
 
 @dataclasses.dataclass(frozen=True)
-class RunOptions:
-    """Which scenes and which of their views are estimated.
+class EstimateRun:
+    """A call of ``occjax estimate``, without its scenes.
 
     Attributes:
+        folder: Folder in which the folders of results are made.
+        estimator: The estimator.
+        view_order: How the light fields are stored.
+        camera: Camera parameters, in place of those of the files.
+        disparity_range: Range to search, or None.
+        outputs: What is written for each scene.
         overwrite: Whether scenes that are complete with the same settings are estimated again.
         share: ``(index, count)``: this process estimates every ``count``-th scene from ``index``.
         fps: Frames per second of the video whose frames are the scenes; None if the scenes are
             independent.
         view: ``(v, u)`` of the view that is estimated; None for the centre view.
         all_views: Whether the other views are estimated too.
+        report: Whether ``report.html`` on all complete scenes is written.
     """
 
-    overwrite: bool = False
-    share: tuple[int, int] = (0, 1)
-    fps: float | None = None
-    view: tuple[int, int] | None = None
-    all_views: bool = False
+    folder: Path
+    estimator: Estimator
+    view_order: ViewOrderOptions
+    camera: CameraOptions
+    disparity_range: DisparityRange | None
+    outputs: OutputOptions
+    overwrite: bool
+    share: tuple[int, int]
+    fps: float | None
+    view: tuple[int, int] | None
+    all_views: bool
+    report: bool
 
     def __post_init__(self) -> None:
         """Check share and view."""
@@ -57,24 +71,23 @@ class RunOptions:
                 f"{max(count, 1) - 1}, and the number of processes"
             )
 
-    @property
-    def is_video(self) -> bool:
-        """Whether the scenes are the frames of one video."""
-        return self.fps is not None
+    def settings(self) -> dict[str, Any]:
+        """Return what the results of all scenes depend on."""
+        return estimator_settings(
+            self.estimator,
+            {
+                **dataclasses.asdict(self.view_order),
+                **dataclasses.asdict(self.camera),
+                **dataclasses.asdict(self.outputs),
+                "save": sorted(self.outputs.save),
+                "disparity_range": self.disparity_range,
+                "view": self.view,
+                "all_views": self.all_views,
+            },
+        )
 
 
-def estimate_scenes(
-    scenes: tuple[Path, ...],
-    folder: Path,
-    estimator: Estimator,
-    view_order: ViewOrderOptions,
-    camera: CameraOptions,
-    disparity_range: DisparityRange | None,
-    options: OutputOptions,
-    run: RunOptions = RunOptions(),
-    *,
-    html: Path | None = None,
-) -> int:
+def estimate_scenes(scenes: tuple[Path, ...], run: EstimateRun) -> int:
     """Estimate scenes and write the results of each to a folder of its own.
 
     Of several scenes, ``scenes.csv`` and ``scenes.json`` are written too; of a video,
@@ -82,14 +95,7 @@ def estimate_scenes(
 
     Args:
         scenes: Files or folders of the light fields, or of the frames of a video in their order.
-        folder: Folder in which the folders are made.
-        estimator: The estimator.
-        view_order: How the light fields are stored.
-        camera: Camera parameters, in place of those of the files.
-        disparity_range: Range to search, or None.
-        options: What is written.
-        run: Which of the scenes are estimated.
-        html: File of a report on all complete scenes, or None.
+        run: The estimator, and what is read, estimated and written.
 
     Returns:
         The exit code: 1 if a scene failed.
@@ -98,21 +104,11 @@ def estimate_scenes(
         InputError: If results cannot be written; then no further scene is estimated. If there is
             only one scene, its own error is raised, of any type.
     """
-    names = frame_names(scenes) if run.is_video else folder_names(scenes)
-    common_settings = estimator_settings(
-        estimator,
-        {
-            **dataclasses.asdict(view_order),
-            **dataclasses.asdict(camera),
-            **dataclasses.asdict(options),
-            "save": sorted(options.save),
-            "disparity_range": disparity_range,
-            "view": run.view,
-            "all_views": run.all_views,
-        },
-    )
-    hash_files = partial(files_sha256, nested=view_order.in_subfolders)
-    if run.is_video:  # The first frame decides the disparity range of all frames.
+    folder = run.folder
+    names = folder_names(scenes) if run.fps is None else frame_names(scenes)
+    common_settings = run.settings()
+    hash_files = partial(files_sha256, nested=run.view_order.in_subfolders)
+    if run.fps is not None:  # The first frame decides the disparity range of all frames.
         common_settings["first_frame_sha256"] = hash_files(scenes[0])
 
     def settings(scene: Path) -> dict[str, Any]:
@@ -133,16 +129,9 @@ def estimate_scenes(
     failed: dict[Path, str] = {}
     if pending:
         programs.preload()  # while the first scene is read
-        steps = SceneSteps(
-            reader=FrameReader(scenes[0], view_order) if run.is_video else view_order.load,
-            settings=settings,
-            camera=camera,
-            estimator=estimator,
-            disparity_range=disparity_range,
-            run=run,
-            folder=folder,
-            options=options,
-        )
+        load = run.view_order.load
+        reader = load if run.fps is None else frame_reader(scenes[0], run.view_order)
+        steps = SceneSteps(run, reader, settings)
         failed = Pipelines(
             {scene: names[scene] for scene in pending},
             read=steps.read,
@@ -167,9 +156,14 @@ def estimate_scenes(
         # Of a missing frame, another process still makes the results.
         if run.fps is not None and not any(entry["state"] == "missing" for entry in rows):
             _write_video(folder, rows, run.fps)
-    if html is not None:
-        complete = tuple(folder / name for scene, name in names.items() if stored_summary(scene))
-        _write_page(html, complete)
+    complete = [scene for scene in names if run.report and stored_summary(scene)]
+    if complete:
+        from occjax.report.page import write_report
+        from occjax.report.scenes import read_scenes
+
+        page = folder / "report.html"
+        write_report(page, read_scenes(tuple(folder / names[scene] for scene in complete)))
+        print(f"report: {page}")
     if failed:
         listed = ", ".join(str(scene) for scene in failed)
         print(f"occjax: {len(failed)} of {len(names)} scenes failed: {listed}", file=sys.stderr)
@@ -192,36 +186,19 @@ class _LoadedScene(NamedTuple):
     seconds: float
 
 
-class _Estimated(NamedTuple):
-    """The estimate of a scene."""
-
-    estimate: Estimate
-    scene: _LoadedScene
-
-
 @dataclasses.dataclass(frozen=True)
 class SceneSteps:
     """The steps of each scene: read the light field, estimate it, write the results.
 
     Attributes:
+        run: The estimator, and what is estimated and written.
         reader: Reads a light field.
         settings: Returns all that the results of a scene depend on.
-        camera: Camera parameters, in place of those of the files.
-        estimator: The estimator.
-        disparity_range: Range to search, or None.
-        run: Which views are estimated.
-        folder: Folder in which the folders of results are made.
-        options: What is written.
     """
 
+    run: EstimateRun
     reader: Callable[[Path], LightField]
     settings: Callable[[Path], dict[str, Any]]
-    camera: CameraOptions
-    estimator: Estimator
-    disparity_range: DisparityRange | None
-    run: RunOptions
-    folder: Path
-    options: OutputOptions
 
     def read(self, path: Path) -> _LoadedScene:
         """Read a scene."""
@@ -231,56 +208,54 @@ class SceneSteps:
         settings = self.settings(path)
         with collect_warnings() as messages:
             try:
-                light_field = self._light_field(path)
+                light_field = self.reader(path)
+                calibration = self.run.camera.calibration(light_field.calibration)
+                light_field = dataclasses.replace(light_field, calibration=calibration)
+                if self.run.view is not None:
+                    light_field = with_report(light_field).around(self.run.view)
             except InputError:  # of which a warning may be the cause, such as a damaged view
                 for message in messages:
                     print_warning(message)
                 raise
         return _LoadedScene(light_field, settings, messages, time.perf_counter() - begin)
 
-    def _light_field(self, path: Path) -> LightField:
-        """Read the light field, with the declared camera and around the view to estimate."""
-        light_field = self.reader(path)
-        calibration = self.camera.calibration(light_field.calibration)
-        light_field = dataclasses.replace(light_field, calibration=calibration)
-        if self.run.view is not None:
-            light_field = with_report(light_field).around(self.run.view)
-        return light_field
-
-    def estimate(self, scene: _LoadedScene, report_phase: ReportPhase) -> _Estimated:
+    def estimate(
+        self, scene: _LoadedScene, report_phase: ReportPhase
+    ) -> tuple[Estimate, _LoadedScene]:
         """Estimate a scene."""
+        run = self.run
         for message in scene.warnings:  # here, because reading is one scene ahead
             print_warning(message)
         estimate = run_estimator(
-            self.estimator,
+            run.estimator,
             scene.light_field,
-            disparity_range=self.disparity_range,
-            occlusion="occlusion" in self.options.save,
+            disparity_range=run.disparity_range,
+            occlusion="occlusion" in run.outputs.save,
             report_phase=report_phase,
         )
         seconds = {"load": scene.seconds, **estimate.seconds}
         views = None
-        if self.run.all_views:
+        if run.all_views:
             begin = time.perf_counter()
             views = estimate_all_views(
-                self.estimator,
+                run.estimator,
                 scene.light_field,
-                disparity_range=self.disparity_range,
+                disparity_range=run.disparity_range,
                 report_phase=report_phase,
             )
             seconds["all views"] = time.perf_counter() - begin
         notes = (*scene.warnings, *estimate.notes)
         estimate = dataclasses.replace(estimate, views=views, seconds=seconds, notes=notes)
-        return _Estimated(estimate, scene)
+        return estimate, scene
 
-    def write(self, name: str, estimated: _Estimated) -> str:
+    def write(self, name: str, estimated: tuple[Estimate, _LoadedScene]) -> str:
         """Write the results of a scene and return the text to print on it."""
         estimate, scene = estimated
         outputs = write_outputs(
             estimate,
             scene.light_field,
-            self.folder / name,
-            self.options,
+            self.run.folder / name,
+            self.run.outputs,
             command=command_line(),
             settings=scene.settings,
         )
@@ -310,16 +285,6 @@ def _write_video(folder: Path, rows: list[Row], fps: float) -> None:
         path = folder / "disparity.mp4"
         write_disparity_video(path, places, frames_per_second=fps)
         print(f"video: {len(places)} frames written to {path}")
-
-
-def _write_page(path: Path, folders: tuple[Path, ...]) -> None:
-    """Write the page on folders of results, if there are any."""
-    if folders:
-        from occjax.report.page import write_report
-        from occjax.report.scenes import read_scenes
-
-        write_report(path, read_scenes(folders))
-        print(f"report: {path}")
 
 
 def result_text(name: str, estimate: Estimate, outputs: Outputs) -> str:
