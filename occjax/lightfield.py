@@ -308,12 +308,7 @@ class LightField:
                 "and columns than the views have pixels; transpose them to [V, U, H, W] or "
                 "[V, U, H, W, C]"
             )
-        if self.views.size == 0 or not self._has_unit_values():
-            raise InputError(
-                f"{self.name}: views must be an array of uint8, of uint16 or of finite floating "
-                f"point in [0, 1], not {self._wrong_values()}; scale or convert them, for example "
-                "by numpy.asarray(views, numpy.uint8) if they are from 0 to 255"
-            )
+        self._check_values()
         if self.positions is not None and self.positions.shape != (*self.grid, 2):
             raise InputError(
                 f"{self.name}: positions are {list(self.positions.shape)}, not [V, U, 2]"
@@ -345,18 +340,22 @@ class LightField:
                 "an outer row or column of views, so that another view is the centre"
             )
 
-    def _has_unit_values(self) -> bool:
-        """Return whether :func:`to_unit_float` can convert the views."""
-        if not np.issubdtype(self.views.dtype, np.floating):
-            return self.views.dtype in (np.uint8, np.uint16)
-        # Resampling may leave values slightly outside [0, 1]. NaN fails both comparisons.
-        return bool(self.views.min() >= -0.01 and self.views.max() <= 1.01)
-
-    def _wrong_values(self) -> str:
-        """Return type and values of views that cannot be used, in words."""
-        if self.views.size == 0 or not np.issubdtype(self.views.dtype, np.floating):
-            return f"{self.views.dtype} {list(self.views.shape)}"
-        return f"{self.views.dtype} from {self.views.min():.4g} to {self.views.max():.4g}"
+    def _check_values(self) -> None:
+        """Refuse views that :func:`to_unit_float` cannot convert."""
+        views, found = self.views, str(list(self.views.shape))
+        if views.size > 0 and views.dtype in (np.uint8, np.uint16):
+            return
+        if views.size > 0 and np.issubdtype(views.dtype, np.floating):
+            low, high = views.min(), views.max()
+            # Resampling may leave values slightly outside [0, 1]. NaN fails both comparisons.
+            if low >= -0.01 and high <= 1.01:
+                return
+            found = f"from {low:.4g} to {high:.4g}"
+        raise InputError(
+            f"{self.name}: views must be an array of uint8, of uint16 or of finite floating "
+            f"point in [0, 1], not {views.dtype} {found}; scale or convert them, for example "
+            "by numpy.asarray(views, numpy.uint8) if they are from 0 to 255"
+        )
 
     @property
     def grid(self) -> tuple[int, int]:

@@ -198,7 +198,7 @@ def register(
     chosen = usable.reshape(-1)
     before_centre = chosen[: np.ravel_multi_index(centre_index(grid), grid)]
     centre = np.array(np.count_nonzero(before_centre), np.int32)
-    views = _Views(places[chosen], centre, positions is None, settings)
+    views = _Views(places[chosen], centre, positions is None, scale, settings)
 
     state = _State(
         (median_filter(disparity) / scale).astype(np.float32),
@@ -207,7 +207,7 @@ def register(
         np.zeros((len(images), 2)),
         np.zeros(len(images)),
     )
-    if spacing is None and views.are_regular(images, state, scale):
+    if spacing is None and views.are_regular(images, state):
         return None
     pyramid = [images]
     while len(pyramid) < 3 and min(pyramid[0].shape[1:]) >= 2 * settings.min_size_px:
@@ -216,19 +216,21 @@ def register(
         finest = level is pyramid[-1]
         state = state.at(level.shape[1:])
         state = views.refine(level, state, settings.rounds[1], spacing is not None and finest)
-    return views.registration(pyramid[-1], state, scale, usable, spacing)
+    return views.registration(pyramid[-1], state, usable, spacing)
 
 
 @dataclass(frozen=True)
 class _Views:
     """The usable views: nominal places ``[n, 2]``, index of the centre view, settings.
 
-    ``free`` is False if the positions were declared: only shifts are measured then.
+    ``free`` is False if the positions were declared: only shifts are measured then. ``scale`` is
+    the number of pixels of the light field per pixel of the images at the finest resolution.
     """
 
     places: np.ndarray
     centre: np.ndarray
     free: bool
+    scale: int
     settings: RegistrationConfig
 
     def refine(
@@ -268,7 +270,7 @@ class _Views:
         )
         return np.asarray((before - after) / np.maximum(before, 1e-6))
 
-    def are_regular(self, images: np.ndarray, state: _State, scale: int) -> bool:
+    def are_regular(self, images: np.ndarray, state: _State) -> bool:
         """Return whether no view seems to be displaced.
 
         The whole images are measured only if the middle half does not show this precisely enough.
@@ -278,20 +280,20 @@ class _Views:
             rows, columns = (slice(size // 4, size // 4 + size // 2) for size in (height, width))
             part = replace(state, disparity=state.disparity[rows, columns])
             found = self.refine(images[:, rows, columns], part, settings.rounds[0])
-            largest_error = settings.significance * scale * float(found.error.max())
+            largest_error = settings.significance * self.scale * float(found.error.max())
             precise = largest_error <= settings.suspicious_shift_px
             centre = images[self.centre]
             precise &= bool(centre[rows, columns].std() >= 0.5 * centre.std())
             if self.free:  # Only a spread of disparity tells a position from a shift.
                 precise &= bool(part.disparity.std() >= 0.5 * state.disparity.std())
-            if precise and not self._is_displaced(found, scale):
+            if precise and not self._is_displaced(found):
                 return True
-        return not self._is_displaced(self.refine(images, state, settings.rounds[0]), scale)
+        return not self._is_displaced(self.refine(images, state, settings.rounds[0]))
 
-    def _is_displaced(self, state: _State, scale: int) -> bool:
+    def _is_displaced(self, state: _State) -> bool:
         """Return whether any view seems shifted or not at its place, or fits worse than others."""
         misfit = self._relative_loss(state) > self.settings.max_loss_ratio
-        shift, significant, moved = self._deviations(state, scale)
+        shift, significant, moved = self._deviations(state)
         shifted = (np.abs(shift).max(-1) > self.settings.suspicious_shift_px) & significant
         return bool((shifted | moved | misfit).any())
 
@@ -299,14 +301,13 @@ class _Views:
         self,
         images: np.ndarray,
         state: _State,
-        scale: int,
         usable: np.ndarray,
         spacing: float | None,
     ) -> Registration | None:
         """Return the corrections that are clear; None if there are none."""
         improvement = self._improvement(images, state)
         clear = improvement > self.settings.min_improvement
-        shift, significant, moved = self._deviations(state, scale)
+        shift, significant, moved = self._deviations(state)
         shifted = (np.abs(shift).max(-1) > self.settings.min_shift_px) & significant & clear
         moved = moved & clear
         ratio = 1.0
@@ -324,7 +325,7 @@ class _Views:
             shifts = np.zeros((*usable.shape, 2), np.float32)
             # The effect, at the mean disparity, of a position that is not corrected is part of the
             # shift.
-            found = np.where(moved[:, None], scale * state.shifts, shift)
+            found = np.where(moved[:, None], self.scale * state.shifts, shift)
             large = np.abs(found).max(-1) >= self.settings.min_correction_px
             corrected = large & significant & (improvement > 0)
             shifts[usable] = np.where(corrected[:, None], found, 0.0)
@@ -391,7 +392,7 @@ class _Views:
         ]
         return np.array(stretch) / stretch[0]
 
-    def _deviations(self, state: _State, scale: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _deviations(self, state: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return how the views deviate from their nominal places.
 
         Returns:
@@ -401,8 +402,8 @@ class _Views:
         change = state.positions - self.places * self._stretch(state)
         shift = state.shifts - float(state.disparity.mean()) * change
         significant = np.any(np.abs(shift) > self.settings.significance * state.error, axis=-1)
-        effect = scale * float(state.disparity.std()) * np.abs(change).max(-1)
-        return scale * shift, significant, effect > self.settings.min_position_px
+        effect = self.scale * float(state.disparity.std()) * np.abs(change).max(-1)
+        return self.scale * shift, significant, effect > self.settings.min_position_px
 
 
 def _single(state: _State) -> tuple[np.ndarray, np.ndarray]:

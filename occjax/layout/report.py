@@ -340,7 +340,10 @@ def _measure(light_field: LightField, config: ViewOrderConfig) -> _Measured:
     fine = CostVolumes(fine_cross, largest)
     scores = _scores(fine)
     best = _most_consistent(scores, config)
-    if best != DECLARED and _one_arm_disagrees(fine, best):
+    # A single misplaced view, which only one arm contains, must not decide for another view order.
+    if best != DECLARED and any(
+        fine.score(DECLARED, arm) <= fine.score(best, arm) for arm in fine.removable_arms
+    ):
         best = DECLARED
         scores = {o: max(score, scores[DECLARED]) for o, score in scores.items()}
     measurement = measure_disparity(fine, best)
@@ -451,30 +454,28 @@ def _search(
     )
     nearest = view_cross(light_field, brightness, config.coarse_size_px, wide_config)
     wide = CostVolumes(nearest, requested or size * config.max_wide_disparity)
-    if requested is not None or (
-        _fraction_beyond(wide, usual) > config.min_fraction_beyond
-        and _fraction_beyond(wide, usual, nearest) > 0.0  # last, as it computes the costs again
-    ):
+    if requested is not None or _exceed(wide, nearest, usual):
         return wide_config, wide
     return config, CostVolumes(cross, usual)
 
 
-def _fraction_beyond(volumes: CostVolumes, limit: float, cross: Cross | None = None) -> float:
-    """Return the fraction of the pixels that only a disparity beyond a limit explains.
+def _exceed(volumes: CostVolumes, cross: Cross, limit: float) -> bool:
+    """Return whether only disparities beyond a limit explain some part of the image.
+
+    They do not if most of those pixels look like another pixel of the centre view at that distance:
+    it repeats its own content, as in a wrongly split mosaic.
 
     Args:
         volumes: Costs of all candidates.
+        cross: Views of the volumes.
         limit: Largest absolute disparity, in pixels per view step.
-        cross: Views of the volumes. If given, the centre view is also compared with itself. The
-            result is 0 if at most of the found pixels it repeats its own content at that distance,
-            as in a wrongly split mosaic.
     """
     config, candidates = volumes.config, volumes.candidates
     orientation = _most_consistent(_scores(volumes), config)
     costs = volumes.of(orientation)
     beyond = np.abs(candidates) > limit + volumes.step
     if not beyond.any():
-        return 0.0
+        return False
     best = costs[beyond].argmin(0)
     disparity = candidates[beyond][best].astype(np.float32)
     lowest_within, lowest_beyond = costs[~beyond].min(0), costs[beyond].min(0)
@@ -482,19 +483,17 @@ def _fraction_beyond(volumes: CostVolumes, limit: float, cross: Cross | None = N
     textured = lowest_within > 4 * config.noise_floor
     smooth = np.abs(disparity - box_mean(disparity, 1)) <= volumes.step
     found = clear & textured & smooth
-    if cross is not None:
-        copies = [
-            dataclasses.replace(arm, images=np.stack([cross.centre] * len(arm.images)))
-            for arm in cross.arms
-        ]
-        own_costs = CostVolumes(
-            dataclasses.replace(cross, arms=tuple(copies)), float(candidates[-1])
-        ).of(orientation)[beyond]
-        own_cost = np.take_along_axis(own_costs, best[None], 0)[0]
-        unrepeated = own_cost > config.clear_minimum * own_costs.mean(0)
-        if unrepeated[found].mean() < 0.5:
-            return 0.0
-    return float(found.mean())
+    if found.mean() <= config.min_fraction_beyond:
+        return False
+    copies = [
+        dataclasses.replace(arm, images=np.stack([cross.centre] * len(arm.images)))
+        for arm in cross.arms
+    ]
+    own_volumes = CostVolumes(dataclasses.replace(cross, arms=tuple(copies)), float(candidates[-1]))
+    own_costs = own_volumes.of(orientation)[beyond]
+    own_cost = np.take_along_axis(own_costs, best[None], 0)[0]
+    unrepeated = own_cost > config.clear_minimum * own_costs.mean(0)
+    return bool(unrepeated[found].mean() >= 0.5)
 
 
 def _scores(volumes: CostVolumes) -> dict[Orientation, float]:
@@ -507,16 +506,6 @@ def _most_consistent(scores: dict[Orientation, float], config: ViewOrderConfig) 
     """Return the best view order up to the sign; the declared one unless it is clearly worse."""
     best = min((o for o in ORIENTATIONS if not o.flip_columns), key=scores.__getitem__)
     return best if _clearly_worse(scores[DECLARED], scores[best], config) else DECLARED
-
-
-def _one_arm_disagrees(volumes: CostVolumes, best: Orientation) -> bool:
-    """Return whether the declared view order is the better one without one of the arms.
-
-    A single misplaced view, which only one arm contains, must not decide for another view order.
-    """
-    return any(
-        volumes.score(DECLARED, arm) <= volumes.score(best, arm) for arm in volumes.removable_arms
-    )
 
 
 def _clearly_worse(score: float, best: float, config: ViewOrderConfig) -> bool:
