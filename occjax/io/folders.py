@@ -17,16 +17,16 @@ from occjax.errors import InputError
 from occjax.io.arrays import check_ground_truth, check_views, read_npy
 from occjax.io.config import ReadingConfig
 from occjax.io.files import reading
-from occjax.io.gantry import gantry_grid
 from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS, HciConfig, read_hci_config
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
+from occjax.io.layouts import FolderLayout
 from occjax.io.limits import ReadLimits
-from occjax.io.naming import FolderLayout, GridWarning, NamedViews, find_views, first_few
+from occjax.io.naming import GridWarning, NamedViews, find_views, first_few
 from occjax.io.naming.fitting_patterns import fitting_patterns
 from occjax.io.naming.patterns import is_in_subfolders
 from occjax.io.pfm import read_pfm
-from occjax.io.positions import read_positions
+from occjax.io.positions import gantry_grid, read_positions
 from occjax.io.view_files import ViewFiles
 from occjax.layout.readings import best_reading, places
 from occjax.lightfield import LightField, centre_index

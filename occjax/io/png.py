@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -35,18 +34,6 @@ LOWEST, HIGHEST = 1, 65534
 """Codes of the least and the greatest finite value of a map."""
 
 FORMULA = f"value = scale * code + offset; code {NO_VALUE} is no value, code {INFINITE} is infinite"
-
-
-class DecodedMap(NamedTuple):
-    """A map that was read from a PNG.
-
-    Attributes:
-        values: ``[H, W]`` float64, in the unit of the file's scale.
-        quantity: Quantity that the file states, or None.
-    """
-
-    values: np.ndarray
-    quantity: str | None
 
 
 def write_value_png(path: str | Path, values: np.ndarray, *, quantity: str, unit: str) -> float:
@@ -71,7 +58,7 @@ def write_value_png(path: str | Path, values: np.ndarray, *, quantity: str, unit
         >>> precision = write_value_png(path, values, quantity="disparity", unit="pixels")
         >>> round(precision, 7)
         1.34e-05
-        >>> read_value_png(path).values.round(4).tolist()
+        >>> read_value_png(path)[0].round(4).tolist()
         [[-1.5, 0.25, nan]]
     """
     if values.ndim != 2 or values.size == 0:
@@ -102,7 +89,7 @@ def write_value_png(path: str | Path, values: np.ndarray, *, quantity: str, unit
 
 def read_value_png(
     path: str | Path, *, scale: float | None = None, offset: float | None = None
-) -> DecodedMap:
+) -> tuple[np.ndarray, str | None]:
     """Read a map from a grey PNG.
 
     Args:
@@ -111,7 +98,8 @@ def read_value_png(
         offset: Value of code 0, for such a file; 0 by default.
 
     Returns:
-        The map, and the quantity that the file states.
+        ``[H, W]`` float64 values, in the unit of the scale; and the quantity that the file states,
+        or None.
 
     Raises:
         InputError: If the file cannot be read, is in colour, does not store its scale and none is
@@ -121,7 +109,7 @@ def read_value_png(
         >>> import tempfile
         >>> path = Path(tempfile.mkdtemp()) / "kitti.png"
         >>> Image.fromarray(np.uint16([[256, 512]])).save(path)
-        >>> read_value_png(path, scale=1 / 256).values.tolist()
+        >>> read_value_png(path, scale=1 / 256)[0].tolist()
         [[1.0, 2.0]]
     """
     path = Path(path)
@@ -147,10 +135,10 @@ def read_value_png(
     offset = 0.0 if offset is None else offset
     if not math.isfinite(HIGHEST * scale + offset) or scale == 0.0:
         raise InputError(f"scale {scale:g} and offset {offset:g} must be numbers, scale not zero")
-    return DecodedMap(scale * codes.astype(np.float64) + offset, None)
+    return scale * codes.astype(np.float64) + offset, None
 
 
-def _decode(path: Path, codes: np.ndarray, text: dict[str, str]) -> DecodedMap:
+def _decode(path: Path, codes: np.ndarray, text: dict[str, str]) -> tuple[np.ndarray, str | None]:
     """Return the values by the scale and offset that the file stores."""
     if codes.dtype != np.uint16:
         raise InputError(
@@ -166,4 +154,4 @@ def _decode(path: Path, codes: np.ndarray, text: dict[str, str]) -> DecodedMap:
     values = scale * codes.astype(np.float64) + offset
     values[codes == NO_VALUE] = np.nan
     values[codes == INFINITE] = np.inf
-    return DecodedMap(values, text.get("occjax:quantity"))
+    return values, text.get("occjax:quantity")

@@ -31,11 +31,10 @@ from occjax.io import read_arrays, read_image, read_map, read_pfm, write_map, wr
 from occjax.io.arrays import check_ground_truth
 from occjax.io.containers import read_container
 from occjax.io.folders import read_folder
-from occjax.io.gantry import gantry_grid
 from occjax.io.maps import Map
 from occjax.io.mosaics import read_mosaic
 from occjax.io.naming import find_views
-from occjax.io.positions import read_positions
+from occjax.io.positions import gantry_grid, read_positions
 from occjax.io.run_folder import open_run_folder
 from occjax.models.config_json import config_to_json
 from occjax.models.occcasnet import keras_weights

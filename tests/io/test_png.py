@@ -32,7 +32,7 @@ def test_values_are_read_back_within_the_stated_precision(tmp_path):
 
 def test_infinity_and_no_value_are_kept_apart_from_numbers(tmp_path):
     write(tmp_path / "map.png")
-    values = read_value_png(tmp_path / "map.png").values
+    values = read_value_png(tmp_path / "map.png")[0]
     np.testing.assert_array_equal(np.isnan(values), np.isnan(VALUES) | np.isneginf(VALUES))
     np.testing.assert_array_equal(np.isposinf(values), np.isposinf(VALUES))
 
@@ -57,19 +57,19 @@ def test_the_text_describes_how_to_decode_the_file(tmp_path):
 @pytest.mark.parametrize("value", [0.0, -2.75, 1e-30, 3e7])
 def test_one_value_everywhere_is_exact(tmp_path, value):
     assert write(tmp_path / "map.png", np.full((2, 3), value)) == 0.0
-    values = read_value_png(tmp_path / "map.png").values
+    values = read_value_png(tmp_path / "map.png")[0]
     np.testing.assert_allclose(values, value, rtol=1e-12, atol=1e-15)
 
 
 def test_a_map_without_any_value_is_read_back(tmp_path):
     write(tmp_path / "map.png", np.full((2, 3), np.nan))
-    assert np.isnan(read_value_png(tmp_path / "map.png").values).all()
+    assert np.isnan(read_value_png(tmp_path / "map.png")[0]).all()
 
 
 def test_the_range_of_32_bit_floats_fits(tmp_path):
     ends = np.array([[-3e38, 3e38, 0.0]], np.float32)
     precision = write(tmp_path / "map.png", ends)
-    values = read_value_png(tmp_path / "map.png").values
+    values = read_value_png(tmp_path / "map.png")[0]
     np.testing.assert_allclose(values, ends, rtol=0, atol=precision * 1.001)
 
 
@@ -85,8 +85,8 @@ def test_text_after_the_pixels_is_found(tmp_path):
         start += length
     assert len(text) == 5
     (tmp_path / "moved.png").write_bytes(data[:8] + b"".join(rest[:-1] + text + rest[-1:]))
-    moved = read_value_png(tmp_path / "moved.png").values
-    np.testing.assert_array_equal(moved, read_value_png(tmp_path / "map.png").values)
+    moved = read_value_png(tmp_path / "moved.png")[0]
+    np.testing.assert_array_equal(moved, read_value_png(tmp_path / "map.png")[0])
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -96,7 +96,7 @@ def test_codes_of_other_programs_are_all_values(tmp_path, dtype):
     values, quantity = read_value_png(tmp_path / "map.png", scale=0.5, offset=-1.0)
     assert values.tolist() == [[-1.0, -0.5, 0.5 * np.iinfo(dtype).max - 1.0]]
     assert quantity is None
-    assert read_value_png(tmp_path / "map.png", scale=2.0).values[0, 1] == 2.0
+    assert read_value_png(tmp_path / "map.png", scale=2.0)[0][0, 1] == 2.0
 
 
 def png_with_text(path, codes, **text):

@@ -7,14 +7,6 @@
 """
 
 from occjax.io.naming.arrangement import GridWarning, NamedViews, first_few
-from occjax.io.naming.patterns import FolderLayout, pattern_to_regex
 from occjax.io.naming.views import find_views
 
-__all__ = [
-    "FolderLayout",
-    "GridWarning",
-    "NamedViews",
-    "find_views",
-    "first_few",
-    "pattern_to_regex",
-]
+__all__ = ["GridWarning", "NamedViews", "find_views", "first_few"]

@@ -160,20 +160,20 @@ def arrange_by_row_and_column(
     rows, columns = (_places(sorted(set(values))) for values in zip(*by_index, strict=True))
     found = (_count(rows), _count(columns))
     one_line = 1 in found and math.prod(found) == len(by_index)
-    if grid is not None and one_line and grid != found and math.prod(grid) == len(by_index):
-        return NamedViews(found, by_index).regrouped(grid)
-    if grid is not None and (found[0] > grid[0] or found[1] > grid[1]):
+    shape = grid or found
+    if one_line and shape != found and math.prod(shape) == len(by_index):
+        return NamedViews(found, by_index).regrouped(shape)
+    margins = (shape[0] - found[0], shape[1] - found[1])
+    if min(margins) < 0:
         raise InputError(
-            f"{folder}: the names show {found[0]}x{found[1]} views, not {grid[0]}x{grid[1]}; "
+            f"{folder}: the names show {found[0]}x{found[1]} views, not {shape[0]}x{shape[1]}; "
             "leave out grid, or move the other views to another folder"
         )
-    margins = (0, 0) if grid is None else (grid[0] - found[0], grid[1] - found[1])
     if any(margin % 2 for margin in margins):
         raise InputError(
             f"{folder}: the names show {found[0]}x{found[1]} views; on which side of the "
             f"{margins} missing rows and columns they are is unknown; leave out grid"
         )
-    shape = found if grid is None else grid
     _check_present(folder, len(by_index), shape)
     for axis, name in enumerate(("rows", "columns")):
         filled = len({index[axis] for index in by_index})
