@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import ViewOrderOptions, numbers, option
 from occjax.errors import InputError
 from occjax.evaluation.metrics import BORDER, THRESHOLDS
-from occjax.layout.orientation import declared_orientation
+from occjax.layout.orientation import Orientation, declared_orientation
+
+if TYPE_CHECKING:
+    from occjax.layout import ViewOrderReport
 
 
 def evaluate_command(
@@ -104,7 +107,6 @@ def check_command(
     view_order: OmitArgPrefixes[ViewOrderOptions] = ViewOrderOptions(),
 ) -> int:
     """Measure the view order and the disparity range of the scene."""
-    from occjax.cli.view_order_text import format_report
     from occjax.io import ViewOrderWarning
     from occjax.layout import check
 
@@ -117,3 +119,48 @@ def check_command(
     declared = declared_orientation(view_order.order, view_order.flip)
     print(format_report(check(light_field), declared))
     return 0
+
+
+def format_report(report: ViewOrderReport, declared: Orientation) -> str:
+    """Format the consistency of the eight view orders, the best one and the disparity range."""
+    lines = ["", "  mean grey difference from the centre view at the best disparity of each pixel:"]
+    for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
+        lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
+    lines.append("")
+    correct = declared.then(report.best)
+    if report.disorder == "serpentine":
+        lines.append("view order: every second row runs backwards; pass --order serpentine")
+    elif report.disorder == "grid":
+        lines.append("view order: unknown, the grid or the order of the views is probably wrong")
+    elif report.clearly_worse:
+        flip = f" --flip {correct.flip}" if correct.flip else ""
+        lines.append(f"view order: {report.best.name}; pass --order {correct.order}{flip}")
+    elif report.conclusive:
+        lines.append("view order: as declared")
+    elif report.plausible:
+        lines.append("view order: unknown, the views have too little texture or disparity")
+    else:
+        lines.append(
+            "view order: unknown, none is clearly more consistent than the others; check the "
+            "grid and the file layout, or pass a larger --max-disparity"
+        )
+    if report.nearer_in_front is not None:
+        fraction = f"{report.nearer_in_front:.0%}"
+        lines.append(f"  in {fraction} of the occlusions the nearer surface is in front")
+    if report.conclusive and not report.sign_known:
+        lines.append(
+            "  too few occlusions to determine the sign of disparity: with rows and columns\n"
+            "  flipped in addition, the views would be equally consistent"
+        )
+    lines += [f"views: {note}" for note in report.position_notes]
+    low, high = report.disparity_range
+    measured = report.measured_fraction
+    source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"
+    lines.append(f"disparity: {low:.2f} to {high:.2f} pixels per view step ({source})")
+    if report.at_limit:
+        lines.append(
+            f"  the search ended at {report.max_disparity:.2f}; if the scene has larger "
+            "disparities, pass --max-disparity"
+        )
+    lines += [f"views: {note}" for note in report.brightness.notes]
+    return "\n".join(lines)

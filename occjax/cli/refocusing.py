@@ -6,15 +6,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import ViewOrderOptions, numbers, option, pair
 from occjax.errors import InputError
+from occjax.io.atomic import atomic_path
+from occjax.lightfield import LightField
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from occjax.lightfield import LightField
     from occjax.viz.refocusing import Refocuser
 
 Scene = Annotated[
@@ -88,17 +88,26 @@ def refocus_command(
         raise InputError(f"--aperture is {aperture:g}; it must be at least 0 view steps")
     if result is not None and not (at or all_in_focus):
         raise InputError(f"--result is only for --at and --all-in-focus, not for {given[0]}")
+    # Pillow is imported here, so that a wrong argument is reported without it.
+    from PIL import Image
+
+    from occjax.io.video import check_video, write_video
+
     if sweep is not None:
-        return _focus_sweep(scene, output, sweep, aperture, fps, view_order)
+        low, high, count = sweep
+        if count < 2:
+            raise InputError(f"--sweep has {count} frames; pass at least 2")
+        check_video(output, fps)
+        refocuser = _refocuser(scene, view_order)
+        frames = (refocuser.image(d, aperture=aperture) for d in np.linspace(low, high, count))
+        write_video(output, frames, frames_per_second=fps)
+        print(f"{output}: {count} frames, focus from disparity {low:g} to {high:g}")
+        return 0
     if output.suffix.lower() not in PICTURE_SUFFIXES:
         raise InputError(
             f"{output}: not the name of a picture; use one of the suffixes "
             f"{', '.join(PICTURE_SUFFIXES)}"
         )
-    from PIL import Image
-
-    from occjax.io.atomic import atomic_path
-
     refocuser = _refocuser(scene, view_order)
     if all_in_focus:
         picture = refocuser.all_in_focus(_disparity_map(refocuser, result), aperture=aperture)
@@ -146,30 +155,6 @@ def sweep_command(
     refocuser = _refocuser(scene, view_order)
     count = write_video(output, refocuser.sweep(path), frames_per_second=fps)
     print(f"{output}: {count} views")
-    return 0
-
-
-def _focus_sweep(
-    scene: Path,
-    output: Path,
-    sweep: tuple[float, float, int],
-    aperture: float | None,
-    fps: float,
-    view_order: ViewOrderOptions,
-) -> int:
-    """Write the video of ``refocus --sweep``."""
-    import numpy as np
-
-    from occjax.io.video import check_video, write_video
-
-    low, high, count = sweep
-    if count < 2:
-        raise InputError(f"--sweep has {count} frames; pass at least 2")
-    check_video(output, fps)
-    refocuser = _refocuser(scene, view_order)
-    frames = (refocuser.image(d, aperture=aperture) for d in np.linspace(low, high, count))
-    write_video(output, frames, frames_per_second=fps)
-    print(f"{output}: {count} frames, focus from disparity {low:g} to {high:g}")
     return 0
 
 

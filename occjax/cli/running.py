@@ -30,7 +30,19 @@ def exit_with(command: Callable[[], int]) -> NoReturn:
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = show_warning
-        sys.exit(_exit_code(command))
+        try:
+            code = command()
+            sys.stdout.flush()
+        except InputError as error:
+            print(f"occjax: {error}", file=sys.stderr)
+            code = 2
+        except BrokenPipeError:  # the reader of the output, such as head, has closed the pipe
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = 141
+        except KeyboardInterrupt:
+            print("occjax: interrupted", file=sys.stderr)
+            code = 130
+        sys.exit(code)
 
 
 def command_line() -> str:
@@ -87,19 +99,3 @@ def show_phase(progress: tqdm | None, name: str) -> Callable[[str], None]:
             print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return show
-
-
-def _exit_code(command: Callable[[], int]) -> int:
-    try:
-        code = command()
-        sys.stdout.flush()
-    except InputError as error:
-        print(f"occjax: {error}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:  # the reader of the output, such as head, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    except KeyboardInterrupt:
-        print("occjax: interrupted", file=sys.stderr)
-        return 130
-    return code

@@ -125,7 +125,13 @@ def estimate_scenes(scenes: tuple[Path, ...], run: EstimateRun) -> int:
     for scene in own:
         remove_remains(folder / names[scene])
     pending = [scene for scene in own if run.overwrite or stored_summary(scene) is None]
-    _print_skipped(len(own) - len(pending), own, names)
+    if skipped := len(own) - len(pending):
+        what = names[own[0]] if len(names) == 1 else f"{skipped} of {len(own)} scenes"
+        verb = "is" if skipped == 1 else "are"
+        print(
+            f"{what} {verb} complete with the same settings and skipped; pass --overwrite to "
+            "estimate again"
+        )
     failed: dict[Path, str] = {}
     if pending:
         programs.preload()  # while the first scene is read
@@ -260,17 +266,6 @@ class SceneSteps:
             settings=scene.settings,
         )
         return result_text(name, estimate, outputs)
-
-
-def _print_skipped(skipped: int, own: list[Path], names: dict[Path, str]) -> None:
-    """Say how many scenes are not estimated because their results are complete."""
-    if skipped:
-        what = names[own[0]] if len(names) == 1 else f"{skipped} of {len(own)} scenes"
-        verb = "is" if skipped == 1 else "are"
-        print(
-            f"{what} {verb} complete with the same settings and skipped; pass --overwrite to "
-            "estimate again"
-        )
 
 
 def _write_video(folder: Path, rows: list[Row], fps: float) -> None:

@@ -38,9 +38,7 @@ def row(
         ('failed', None)
     """
     entry: Row = dict.fromkeys(COLUMNS)
-    state = "missing" if summary is None else "complete"
-    if error is not None:
-        state = "failed"
+    state = "failed" if error is not None else "missing" if summary is None else "complete"
     entry |= {"scene": scene, "state": state, "source": str(source), "error": error}
     if summary is not None and error is None:
         scores = summary["metrics"] or {}

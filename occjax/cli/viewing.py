@@ -59,16 +59,13 @@ def view_command(
     light_field = None if scene is None else view_order.load(scene)
     viewed = read_scene(results, light_field)
     with open_viewer(viewed, host=host, port=port, open_browser=not no_open) as viewer:
-        print(address_lines(viewer.url, viewer.port), flush=True)
+        print(
+            f"{viewer.url}\n"
+            f"  from another computer: ssh -L {viewer.port}:localhost:{viewer.port} "
+            f"{getpass.getuser()}@{socket.gethostname()}, "
+            f"then open http://localhost:{viewer.port} there\n"
+            "  Ctrl-C ends the viewer",
+            flush=True,
+        )
         viewer.wait()
     return 0
-
-
-def address_lines(url: str, port: int) -> str:
-    """Return the address of the page, and how to see it from another computer."""
-    return (
-        f"{url}\n"
-        f"  from another computer: ssh -L {port}:localhost:{port} "
-        f"{getpass.getuser()}@{socket.gethostname()}, then open http://localhost:{port} there\n"
-        "  Ctrl-C ends the viewer"
-    )

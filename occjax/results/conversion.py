@@ -7,7 +7,7 @@ computed in double precision.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,11 +83,11 @@ def normals(content: Map, calibration: Calibration) -> np.ndarray:
     from occjax.ops.geometry import back_project, in_double, surface_normals
 
     depth = convert_map(content, "depth", calibration)
-
-    def of_depth(depth: Any, calibration: Calibration) -> Any:
-        return surface_normals(back_project(depth, calibration))
-
-    return in_double(of_depth, depth.values, calibration)
+    return in_double(
+        lambda depth, camera: surface_normals(back_project(depth, camera)),
+        depth.values,
+        calibration,
+    )
 
 
 def point_cloud(content: Map, calibration: Calibration | None) -> PointCloud:

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from occjax.cli.view_order_text import format_report
+from occjax.cli.measuring import format_report
 from occjax.data.bundled_sample import sample
 from occjax.errors import InputError
 from occjax.io import (
