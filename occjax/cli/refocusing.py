@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +13,6 @@ from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 from occjax.cli.options import ViewOrderOptions, numbers, option, pair
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.lightfield import LightField
 
 if TYPE_CHECKING:
     from occjax.viz.refocusing import Refocuser
@@ -186,26 +186,18 @@ def _disparity_at(refocuser: Refocuser, at: tuple[int, int], result: Path | None
     if result is not None:
         disparity = float(_disparity_map(refocuser, result)[at])
     else:
-        disparity = _estimate_at(light_field, at)
+        from occjax.estimators import estimate
+        from occjax.layout import disparity_range_of
+
+        window_px = 128  # a square part of the views is enough
+        top, left = (
+            min(max(place - window_px // 2, 0), max(size - window_px, 0))
+            for place, size in zip(at, light_field.image_size, strict=True)
+        )
+        views = light_field.views[:, :, top : top + window_px, left : left + window_px]
+        window = dataclasses.replace(light_field, views=views, ground_truth=None)
+        found = estimate(window, disparity_range=disparity_range_of(light_field)[0])
+        disparity = float(found.disparity[at[0] - top, at[1] - left])
     if math.isnan(disparity):
         raise InputError(f"--at {at[0]} {at[1]} has no disparity; choose another pixel")
     return disparity
-
-
-def _estimate_at(light_field: LightField, at: tuple[int, int], *, window_px: int = 128) -> float:
-    """Estimate the disparity of one pixel from a square part of the views around it."""
-    import dataclasses
-
-    from occjax.estimators import estimate
-    from occjax.layout import disparity_range_of
-
-    starts = [
-        min(max(place - window_px // 2, 0), max(size - window_px, 0))
-        for place, size in zip(at, light_field.image_size, strict=True)
-    ]
-    rows, columns = (slice(start, start + window_px) for start in starts)
-    window = dataclasses.replace(
-        light_field, views=light_field.views[:, :, rows, columns], ground_truth=None
-    )
-    found = estimate(window, disparity_range=disparity_range_of(light_field)[0])
-    return float(found.disparity[at[0] - starts[0], at[1] - starts[1]])

@@ -101,8 +101,12 @@ def read_folder(
             GridWarning,
             stacklevel=2,
         )
-    if config and config.disparity_range:
-        _check_range(folder, config.disparity_range, max(views.shape[2:4]))
+    low, high = config.disparity_range if config and config.disparity_range else (0.0, 0.0)
+    if max(-low, high) > max(views.shape[2:4]):  # neighbouring views would not overlap
+        raise InputError(
+            f"{folder / PARAMETERS}: disparities of {low:g} to {high:g} pixels exceed the "
+            f"size of the views ({max(views.shape[2:4])}); correct disp_min and disp_max in [meta]"
+        )
     light_field = LightField(
         views=views,
         name=folder.resolve().name,
@@ -157,16 +161,6 @@ def _read_config(folder: Path) -> HciConfig | None:
     with reading(folder):
         present = path.is_file()
     return read_hci_config(path) if present else None
-
-
-def _check_range(folder: Path, disparity_range: tuple[float, float], size: int) -> None:
-    """Refuse disparities beyond the size of the views: neighbouring views would not overlap."""
-    if max(map(abs, disparity_range)) > size:
-        low, high = disparity_range
-        raise InputError(
-            f"{folder / PARAMETERS}: disparities of {low:g} to {high:g} pixels exceed the "
-            f"size of the views ({size}); correct disp_min and disp_max in [meta]"
-        )
 
 
 def _read_views(

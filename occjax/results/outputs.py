@@ -174,27 +174,26 @@ def write_outputs(
         if "figures" in options.save:
             _write_comparison(estimate, light_field, metrics, signal, temporary)
         if "occlusion" in options.save and estimate.occlusion is not None:
-            _write_occlusion(estimate.occlusion, temporary)
+            from occjax.viz.canvas import save  # drawing imports most of Matplotlib
+            from occjax.viz.figures import occlusion_figure
+
+            np.save(temporary / "occlusion.npy", estimate.occlusion.astype(np.float16))
+            save(occlusion_figure(estimate.occlusion), temporary / "occlusion.png")
         if "stages" in options.save and len(estimate.stages) > 1:
             np.save(temporary / "stages.npy", np.asarray(estimate.stages, np.float32))
         if estimate.views is not None:
             write_view_maps(estimate.views, light_field, temporary)
         content = summary(estimate, light_field, metrics, notes, command)
         content["file_notes"] = file_notes
-        content["files"] = _names(temporary)
+        files = (path for path in temporary.rglob("*") if path.is_file())
+        content["files"] = sorted(path.relative_to(temporary).as_posix() for path in files)
         content["settings"] = settings
         text = json.dumps(content, indent=2)
         (temporary / SUMMARY).write_text(text + "\n", encoding="utf-8")
-        names = _names(temporary)
     if estimate.views is None:  # An earlier estimate may have left the folder of all views.
         shutil.rmtree(folder / FOLDER, ignore_errors=True)
+    names = sorted([*content["files"], SUMMARY])
     return Outputs(folder, tuple(folder / name for name in names), notes, metrics)
-
-
-def _names(folder: Path) -> list[str]:
-    """Return the relative paths of all files in a folder and below it."""
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def has_signal(light_field: LightField, confidence: np.ndarray) -> np.ndarray:
@@ -304,7 +303,7 @@ def _write_comparison(
     folder: Path,
 ) -> None:
     """Write the estimate next to the centre view and, if there is one, the ground truth."""
-    from occjax.viz.canvas import save  # drawing imports most of Matplotlib
+    from occjax.viz.canvas import save
     from occjax.viz.figures import comparison_figure
 
     truth, score, border = None, "", 0
@@ -321,12 +320,3 @@ def _write_comparison(
         border=border,
     )
     save(figure, folder / "comparison.png")
-
-
-def _write_occlusion(occlusion: np.ndarray, folder: Path) -> None:
-    """Write the occlusion maps as an array and as a figure."""
-    from occjax.viz.canvas import save
-    from occjax.viz.figures import occlusion_figure
-
-    np.save(folder / "occlusion.npy", occlusion.astype(np.float16))
-    save(occlusion_figure(occlusion), folder / "occlusion.png")
