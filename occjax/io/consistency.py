@@ -38,12 +38,11 @@ def most_consistent(candidates: Sequence[np.ndarray]) -> int:
     return best if scores[0] > config.clearly_worse_ratio * scores[best] else 0
 
 
-def truth_fault(light_field: LightField, config: ReadingConfig = ReadingConfig()) -> str | None:
+def truth_fault(light_field: LightField) -> str | None:
     """Return how the ground truth must be changed to agree with the views.
 
     Args:
         light_field: Views with ground truth; at least two views.
-        config: Thresholds.
 
     Returns:
         Words for a message; None if the truth agrees best as it is.
@@ -60,20 +59,17 @@ def truth_fault(light_field: LightField, config: ReadingConfig = ReadingConfig()
     assert truth is not None
     readings: dict[str | None, np.ndarray] = {None: truth}
     readings |= {f"its {words}": changed for words, changed in changed_maps(truth).items()}
-    samples = config.truth_samples
-    differences = {
-        words: _truth_difference(light_field, d, samples) for words, d in readings.items()
-    }
+    differences = {words: _truth_difference(light_field, d) for words, d in readings.items()}
     best = min(differences, key=differences.__getitem__)
-    return best if differences[None] > config.min_truth_ratio * differences[best] else None
+    return best if differences[None] > ReadingConfig().min_truth_ratio * differences[best] else None
 
 
-def _truth_difference(light_field: LightField, disparity: np.ndarray, samples: int) -> float:
+def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
     """Return the mean grey difference of the centre view from its neighbours at a disparity."""
     (rows, columns), (h, w) = light_field.grid, light_field.image_size
     v0, u0 = centre_index(light_field.grid)
     offsets = light_field.offsets
-    step = max(1, min(h, w) // samples)
+    step = max(1, min(h, w) // ReadingConfig().truth_samples)
     y, x = np.mgrid[0:h:step, 0:w:step]
     centre, d = to_grey(light_field.centre)[y, x], disparity[y, x].astype(np.float64)
     differences = []

@@ -164,10 +164,7 @@ def _read_config(folder: Path) -> HciConfig | None:
 
 
 def _read_views(
-    folder: Path,
-    named: NamedViews,
-    progress: Progress | None,
-    config: ReadingConfig = ReadingConfig(),
+    folder: Path, named: NamedViews, progress: Progress | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Read ``[V, U, H, W, C]`` views; return them with the mask ``[V, U]`` of those that are there.
 
@@ -205,7 +202,7 @@ def _read_views(
     finally:
         pool.shutdown(cancel_futures=True)
     usual = _format(reference)
-    max_unusable = max(1.0, config.max_unusable_fraction * len(paths))
+    max_unusable = max(1.0, ReadingConfig().max_unusable_fraction * len(paths))
     if len(formats) > max_unusable:
         counts = Counter({usual: int(present.sum())}) + Counter(formats.values())
         listed = " and ".join(f"{count} of {kind}" for kind, count in counts.most_common())

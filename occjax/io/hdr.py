@@ -53,9 +53,7 @@ def read_exr(path: Path, file_bytes: int) -> np.ndarray:
     return np.stack([channels[name] for name in names], axis=-1)
 
 
-def tone_mapped(
-    path: Path, views: np.ndarray, config: ReadingConfig = ReadingConfig()
-) -> np.ndarray:
+def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
     r"""Return views as integers or in [0, 1]; others are mapped to [0, 1] by a mu-law.
 
     The mu-law ``log(1 + mu x / white) / log(1 + mu)`` is the same for all views. It keeps
@@ -64,7 +62,6 @@ def tone_mapped(
     Args:
         path: File or folder of the views, for the message.
         views: ``[V, U, H, W, C]`` of any type.
-        config: Thresholds.
 
     Returns:
         The views as they are if they are integers, in [0, 1], or not finite (refused by a later
@@ -95,7 +92,7 @@ def tone_mapped(
         return views.astype(np.uint8 if bits == 8 else np.uint16)
     if high <= 0.0:
         raise InputError(f"{path}: no pixel is positive; save the views with values above 0")
-    white = float(np.percentile(views, config.white_percentile)) or high
+    white = float(np.percentile(views, ReadingConfig().white_percentile)) or high
     warnings.warn(
         f"{path}: pixels reach from {low:.4g} to {high:.4g}; they are tone-mapped by a mu-law with "
         f"white at {white:.4g}; map them to [0, 1] yourself if you need another mapping",

@@ -24,19 +24,13 @@ from occjax.layout.readings import best_reading, places
 from occjax.lightfield import MIN_VIEW_SIZE_PX, to_grey
 
 
-def read_mosaic(
-    path: Path,
-    grid: tuple[int, int] | None,
-    kind: Mosaic | None,
-    config: ReadingConfig = ReadingConfig(),
-) -> np.ndarray:
+def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -> np.ndarray:
     """Read one image of all views.
 
     Args:
         path: Image file.
         grid: ``(V, U)``, number of view rows and columns; of a quilt, rows and columns of tiles.
         kind: Arrangement of the views; None to detect it.
-        config: Thresholds of the detection.
 
     Returns:
         ``[V, U, H, W, C]`` views.
@@ -56,7 +50,7 @@ def read_mosaic(
         tiles = (int(named[2]), int(named[1])) if named and grid is None else grid
         if tiles is None or min(tiles) < 1:
             raise InputError(f"{path}: a quilt needs its tiles; pass grid (--grid ROWS COLUMNS)")
-        _warn_of_other_tiles(path, image, tiles, config)
+        _warn_of_other_tiles(path, image, tiles)
         return split_quilt(image, tiles)
     if grid is None:
         raise InputError(
@@ -70,13 +64,13 @@ def read_mosaic(
             f"{path}: {image.shape[0]}x{image.shape[1]} pixels leave {height}x{width} for each of "
             f"{grid[0]}x{grid[1]} views; pass the right grid (--grid V U)"
         )
-    detected = kind or detect_mosaic(image, grid, config)
+    detected = kind or detect_mosaic(image, grid)
     if detected is None:
         raise InputError(
             f"{path}: cannot tell tiled views from a MacPI image; "
             "pass layout (--layout tiled, or macpi)"
         )
-    period = lens_period(image, grid, config)
+    period = lens_period(image, grid)
     if period is not None and (detected != "macpi" or period != tuple(grid)):
         warnings.warn(
             f"{path}: read as {grid[0]}x{grid[1]} views, {detected}, but its brightness steps are "
@@ -108,9 +102,7 @@ def _is_quilt(views: np.ndarray) -> bool:
     return best.number == 1 and best.clear
 
 
-def detect_mosaic(
-    image: np.ndarray, grid: tuple[int, int], config: ReadingConfig = ReadingConfig()
-) -> Mosaic | None:
+def detect_mosaic(image: np.ndarray, grid: tuple[int, int]) -> Mosaic | None:
     """Detect the arrangement of a mosaic by the positions of brightness steps.
 
     Tiles have seams between neighbouring views, a MacPI image has seams between microlenses. The
@@ -120,12 +112,11 @@ def detect_mosaic(
     Args:
         image: ``[V * H, U * W, C]``.
         grid: ``(V, U)``.
-        config: Thresholds.
 
     Returns:
         The arrangement; None if there is no clear difference, for instance without texture.
     """
-    if _has_dark_views(image, grid, config):
+    if _has_dark_views(image, grid):
         return "macpi"
     profiles, tiles, lenses = [], [], []
     for axis, count in enumerate(grid):
@@ -139,7 +130,7 @@ def detect_mosaic(
     if not profiles:
         return "tiled"  # one view, or views of one pixel: both arrangements are the same
     profile, tile, lens = map(np.concatenate, (profiles, tiles, lenses))
-    threshold = config.min_seam_ratio * _mean(profile[~lens & ~tile])
+    threshold = ReadingConfig().min_seam_ratio * _mean(profile[~lens & ~tile])
     if _mean(profile[lens & ~tile]) > threshold:
         return "macpi"
     return "tiled" if _mean(profile[tile]) > threshold else None
@@ -156,15 +147,12 @@ def _mean(values: np.ndarray) -> float:
     return float(values.mean()) if values.size else 0.0
 
 
-def lens_period(
-    image: np.ndarray, grid: tuple[int, int], config: ReadingConfig = ReadingConfig()
-) -> tuple[int, int] | None:
+def lens_period(image: np.ndarray, grid: tuple[int, int]) -> tuple[int, int] | None:
     """Return the grid of a MacPI image, from the distance of its brightness steps.
 
     Args:
         image: ``[V * H, U * W, C]``.
         grid: ``(V, U)`` that the user declares; seams of its tiles do not count.
-        config: Thresholds.
 
     Returns:
         ``(V, U)``, each 2 to 20; None if the image has no clear period, as a tiled image.
@@ -188,20 +176,17 @@ def lens_period(
                 usual = float(np.median(profile[at_lenses]))
                 ratios[n] = usual / max(elsewhere, np.finfo(np.float32).tiny)
         best = max(ratios, key=ratios.__getitem__, default=None)
-        if best is None or ratios[best] <= config.min_seam_ratio:
+        if best is None or ratios[best] <= ReadingConfig().min_seam_ratio:
             return None
         period.append(best)
     return period[0], period[1]
 
 
-def repeated_tiles(
-    image: np.ndarray, config: ReadingConfig = ReadingConfig()
-) -> tuple[int, int] | None:
+def repeated_tiles(image: np.ndarray) -> tuple[int, int] | None:
     """Return the grid of a tiled image, from the distance at which its content repeats.
 
     Args:
         image: ``[V * H, U * W]`` grey tiles.
-        config: Thresholds.
 
     Returns:
         ``(V, U)``, each 2 to 20; None if no grid divides the image.
@@ -215,7 +200,7 @@ def repeated_tiles(
     for axis in (0, 1):
         lines = np.moveaxis(image, axis, 0)
         size = len(lines)
-        most = min(20, size // config.min_repeated_px)
+        most = min(20, size // ReadingConfig().min_repeated_px)
         counts = [n for n in range(most, 1, -1) if size % n == 0]
         if not counts:
             return None
@@ -231,15 +216,13 @@ def _change(lines: np.ndarray, count: int) -> float:
     return float(np.abs(lines[size:] - lines[:-size]).mean())
 
 
-def _warn_of_other_tiles(
-    path: Path, image: np.ndarray, tiles: tuple[int, int], config: ReadingConfig
-) -> None:
+def _warn_of_other_tiles(path: Path, image: np.ndarray, tiles: tuple[int, int]) -> None:
     """Warn if the content of a quilt repeats at other distances than those of the given tiles."""
     grey = to_grey(image)
-    found = repeated_tiles(grey, config)
+    found = repeated_tiles(grey)
     if found is None:
         return
-    ratio = config.min_seam_ratio
+    ratio = ReadingConfig().min_seam_ratio
     differs = (
         declared > 1 and _change(lines, declared) > ratio * _change(lines, repeated)
         for lines, declared, repeated in zip((grey, grey.T), tiles, found, strict=True)
@@ -254,12 +237,13 @@ def _warn_of_other_tiles(
         )
 
 
-def _has_dark_views(image: np.ndarray, grid: tuple[int, int], config: ReadingConfig) -> bool:
+def _has_dark_views(image: np.ndarray, grid: tuple[int, int]) -> bool:
     """Return whether, taken as a MacPI image, some views are much darker than others.
 
     If a tiled image is split as a MacPI image, each part has pixels of all views. Therefore all
     parts are about equally bright.
     """
+    config = ReadingConfig()
     if image.shape[0] * image.shape[1] < config.min_dark_pixels * grid[0] * grid[1]:
         return False
     brightness = split_macpi(image, grid).mean((2, 3, 4), dtype=np.float64)

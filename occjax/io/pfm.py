@@ -133,15 +133,12 @@ def pfm_header(data: bytes, path: str | Path) -> PfmHeader:
     return PfmHeader(height, width, channels, scale < 0, start)
 
 
-def decode_pfm(
-    data: bytes, path: str | Path, config: ReadingConfig = ReadingConfig()
-) -> np.ndarray:
+def decode_pfm(data: bytes, path: str | Path) -> np.ndarray:
     r"""Return the image of a PFM file from its bytes, as :func:`read_pfm`.
 
     Args:
         data: All bytes of the file.
         path: Name of the file for messages.
-        config: Thresholds.
 
     Raises:
         InputError: If the header, the length or the byte order is wrong.
@@ -154,7 +151,7 @@ def decode_pfm(
     byte_order = "<f4" if header.little_endian else ">f4"
     stored = np.frombuffer(data, byte_order, offset=header.start)
     usual, swapped = _usual_fraction(stored), _usual_fraction(stored.byteswap())
-    enough = stored.size >= config.min_byte_order_values
+    enough = stored.size >= ReadingConfig().min_byte_order_values
     if enough and usual < 0.5 and swapped > 0.9:
         order, sign = ("little", "positive") if header.little_endian else ("big", "negative")
         raise InputError(

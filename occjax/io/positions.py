@@ -132,15 +132,12 @@ def relative_to_centre(positions: np.ndarray, unit: float) -> np.ndarray:
     return ((positions - centre) / unit).astype(np.float32)
 
 
-def warn_of_unit(
-    path: Path, positions: np.ndarray, config: ReadingConfig = ReadingConfig()
-) -> None:
+def warn_of_unit(path: Path, positions: np.ndarray) -> None:
     """Warn if positions that are used as they are seem to be in another unit than view steps.
 
     Args:
         path: File that they come from.
         positions: ``[V, U, 2]`` positions ``(row, column)``.
-        config: Thresholds.
 
     Warns:
         GridWarning: If the mean spacing of rows and of columns is far from 1.
@@ -149,7 +146,8 @@ def warn_of_unit(
         >>> warn_of_unit(Path("scene.npz"), np.indices((3, 3)).transpose(1, 2, 0))
     """
     step = max(abs(_step(positions, axis, c)) for axis in (0, 1) for c in (0, 1))
-    if not config.min_view_step < step < 1 / config.min_view_step:
+    shortest = ReadingConfig().min_view_step
+    if not shortest < step < 1 / shortest:
         warnings.warn(
             f"{path}: neighbouring cameras are {step:.4g} apart in positions, which are used as "
             "they are: disparity is in pixels per unit of them; divide positions by this number "

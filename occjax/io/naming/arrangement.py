@@ -63,10 +63,7 @@ class NamedViews:
 
 
 def arrange_by_number(
-    folder: str,
-    matches: list[re.Match[str]],
-    grid: tuple[int, int] | None,
-    config: ReadingConfig = ReadingConfig(),
+    folder: str, matches: list[re.Match[str]], grid: tuple[int, int] | None
 ) -> NamedViews:
     """Arrange views that are numbered row by row.
 
@@ -78,7 +75,6 @@ def arrange_by_number(
         folder: Name of the folder, for messages.
         matches: Matched file names, with the field ``i``.
         grid: ``(V, U)``; None for a square.
-        config: Thresholds.
 
     Raises:
         InputError: If the number of views fits no grid.
@@ -96,9 +92,7 @@ def arrange_by_number(
     first = numbers[0] if (consecutive and fits) or starts_late else 0
     count = numbers[-1] - first + 1
     has_gaps = not _is_square(count) or 2 * present < count
-    symmetric = [
-        base for base in (0, 1) if _is_symmetric(numbers, base, grid, config.min_round_fraction)
-    ]
+    symmetric = [base for base in (0, 1) if _is_symmetric(numbers, base, grid)]
     if fits and (grid or consecutive or (has_gaps and not symmetric)):
         rows, columns = grid or (math.isqrt(present),) * 2
         # The benchmarks have 9x9 views.
@@ -259,23 +253,20 @@ def _is_square(count: int) -> bool:
     return math.isqrt(count) ** 2 == count
 
 
-def _is_symmetric(
-    numbers: list[int], base: int, grid: tuple[int, int] | None, min_fraction: float
-) -> bool:
+def _is_symmetric(numbers: list[int], base: int, grid: tuple[int, int] | None) -> bool:
     """Return whether as many numbers of a grid are missing at the start as at the end.
 
     Args:
         numbers: Numbers of the views, ascending.
         base: Number of the first view of the grid.
         grid: ``(V, U)``; None for any square that the views fill like a round aperture.
-        min_fraction: Smallest fraction of a square that a round aperture fills.
     """
     count = numbers[0] + numbers[-1] + 1 - 2 * base
     if numbers[0] <= base:
         return False
     if grid is not None:
         return count == math.prod(grid)
-    return _is_square(count) and len(numbers) >= min_fraction * count
+    return _is_square(count) and len(numbers) >= ReadingConfig().min_round_fraction * count
 
 
 def _by_key(folder: str, keyed: list[tuple]) -> dict:
