@@ -134,15 +134,15 @@ def estimate_command(
     from occjax.estimators import make_estimator
     from occjax.estimators.ranges import check_range
     from occjax.io.atomic import check_writable
+    from occjax.io.naming.patterns import is_in_subfolders
     from occjax.io.video import check_video
     from occjax.results.outputs import output_options
 
     view_order.check()
     if disparity_range is not None:
         check_range(disparity_range)
-    scenes = listed_scenes(
-        scenes, scenes_from, expand_folders=not view_order.in_subfolders, grid=view_order.grid
-    )
+    nested = is_in_subfolders(view_order.pattern)
+    scenes = listed_scenes(scenes, scenes_from, expand_folders=not nested, grid=view_order.grid)
     options = output_options(save, min_confidence)
     if report:
         from occjax.report.page import check_report

@@ -127,13 +127,6 @@ class ViewOrderOptions:
         ),
     ] = None
 
-    @property
-    def in_subfolders(self) -> bool:
-        """Whether the views of a scene are in sub-folders of its folder."""
-        from occjax.io.naming.patterns import is_in_subfolders
-
-        return is_in_subfolders(self.pattern)
-
     def check(self) -> None:
         """Check the options that can be checked before the files are read.
 

@@ -23,6 +23,7 @@ from occjax.estimators import Estimate, Estimator, estimate_all_views, run_estim
 from occjax.estimators.driver import ReportPhase, with_report
 from occjax.estimators.protocol import DisparityRange
 from occjax.io.atomic import remove_remains
+from occjax.io.naming.patterns import is_in_subfolders
 from occjax.lightfield import LightField
 from occjax.results.outputs import OutputOptions, Outputs, write_outputs
 
@@ -71,21 +72,6 @@ class EstimateRun:
                 f"{max(count, 1) - 1}, and the number of processes"
             )
 
-    def settings(self) -> dict[str, Any]:
-        """Return what the results of all scenes depend on."""
-        return estimator_settings(
-            self.estimator,
-            {
-                **dataclasses.asdict(self.view_order),
-                **dataclasses.asdict(self.camera),
-                **dataclasses.asdict(self.outputs),
-                "save": sorted(self.outputs.save),
-                "disparity_range": self.disparity_range,
-                "view": self.view,
-                "all_views": self.all_views,
-            },
-        )
-
 
 def estimate_scenes(scenes: tuple[Path, ...], run: EstimateRun) -> int:
     """Estimate scenes and write the results of each to a folder of its own.
@@ -106,8 +92,19 @@ def estimate_scenes(scenes: tuple[Path, ...], run: EstimateRun) -> int:
     """
     folder = run.folder
     names = folder_names(scenes) if run.fps is None else frame_names(scenes)
-    common_settings = run.settings()
-    hash_files = partial(files_sha256, nested=run.view_order.in_subfolders)
+    common_settings = estimator_settings(
+        run.estimator,
+        {
+            **dataclasses.asdict(run.view_order),
+            **dataclasses.asdict(run.camera),
+            **dataclasses.asdict(run.outputs),
+            "save": sorted(run.outputs.save),
+            "disparity_range": run.disparity_range,
+            "view": run.view,
+            "all_views": run.all_views,
+        },
+    )
+    hash_files = partial(files_sha256, nested=is_in_subfolders(run.view_order.pattern))
     if run.fps is not None:  # The first frame decides the disparity range of all frames.
         common_settings["first_frame_sha256"] = hash_files(scenes[0])
 

@@ -152,7 +152,11 @@ def read_map(
     elif suffix == ".pfm":
         values = read_pfm(path)
     elif suffix == ".npy":
-        values = _real_numbers(path, read_npy(path))
+        values = read_npy(path)
+        if values.dtype.kind not in "iuf":
+            raise InputError(f"{path}: does not contain real numbers; save them as float32")
+        if values.dtype.kind != "f":
+            values = values.astype(np.float64)
     elif suffix in READ_ONLY_SUFFIXES:
         image = read_image(path)
         if not np.issubdtype(image.dtype, np.floating):
@@ -263,12 +267,3 @@ def _quantity(path: Path, stated: str | None, given: Quantity | None) -> Quantit
         raise InputError(f"{path}: states that it holds {stated}, not {given}")
     named: Quantity = "depth" if "depth" in path.stem.lower() else "disparity"
     return cast(Quantity | None, stated) or given or named
-
-
-def _real_numbers(path: Path, array: np.ndarray) -> np.ndarray:
-    """Return an array as floating point."""
-    if np.issubdtype(array.dtype, np.integer):
-        return array.astype(np.float64)
-    if not np.issubdtype(array.dtype, np.floating):
-        raise InputError(f"{path}: does not contain real numbers; save them as float32")
-    return array

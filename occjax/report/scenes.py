@@ -79,11 +79,7 @@ def read_scenes(folders: tuple[Path, ...]) -> list[ReportScene]:
 
 
 def report_scene(
-    estimate: Estimate,
-    summary: dict[str, Any],
-    *,
-    folder: Path | None = None,
-    config: ReportConfig | None = None,
+    estimate: Estimate, summary: dict[str, Any], *, folder: Path | None = None
 ) -> ReportScene:
     """Return what a report shows of an estimate.
 
@@ -91,12 +87,11 @@ def report_scene(
         estimate: The estimate, with its light field.
         summary: Content of its ``summary.json``.
         folder: Where it comes from, for messages.
-        config: Limits of the size.
 
     Raises:
         InputError: If the estimate has no light field.
     """
-    config, light_field = config or ReportConfig(), estimate.light_field
+    config, light_field = ReportConfig(), estimate.light_field
     if light_field is None:
         raise InputError(
             f"{folder or summary['scene']}: has no centre view, since an older version wrote it; "

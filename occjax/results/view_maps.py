@@ -44,9 +44,7 @@ class FusionConfig:
     min_consistency: float = 0.75
 
 
-def fused_points(
-    maps: ViewMaps, light_field: LightField, config: FusionConfig = FusionConfig()
-) -> tuple[np.ndarray, np.ndarray]:
+def fused_points(maps: ViewMaps, light_field: LightField) -> tuple[np.ndarray, np.ndarray]:
     """Fuse the maps of all views into one cloud, without outliers and duplicates.
 
     A point has the coordinates ``(y, x, d)``: where the centre view would see it, and its
@@ -70,6 +68,7 @@ def fused_points(
     known = np.isfinite(maps.disparity)
     if not known.any():
         return np.empty((0, 3)), np.empty((0, 3), np.uint8)
+    config = FusionConfig()
     low, high = float(maps.disparity[known].min()), float(maps.disparity[known].max())
     steps = int((high - low) / maps.tolerance) + 4
     needed = min(config.min_agreeing, int(maps.agreeing.max()))
