@@ -152,7 +152,11 @@ def run_estimator(
     with phase("prepare", "preparing"):
         light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
-        inputs = inputs._replace(notes=(*_notes_on_view(original), *corrections, *inputs.notes))
+        notes = (*corrections, *inputs.notes)
+        if original.view is not None:
+            v, u = original.view
+            notes = (f"disparity of the view ({v}, {u}), row and column counted from 0", *notes)
+        inputs = inputs._replace(notes=notes)
         arguments = (inputs.variables, inputs.views, *inputs.arguments)
     compiling = "compiling, once for this size and number of views"
     with (
@@ -172,14 +176,6 @@ def run_estimator(
     limits = notes_on_limits(result.disparity, result.confidence, result.disparity_range)
     notes = (*result.notes, *limits)
     return dataclasses.replace(result, seconds=seconds, notes=notes, light_field=original)
-
-
-def _notes_on_view(light_field: LightField) -> tuple[str, ...]:
-    """Return a note for the user if the disparity is not that of the centre view."""
-    if light_field.view is None:
-        return ()
-    v, u = light_field.view
-    return (f"disparity of the view ({v}, {u}), row and column counted from 0",)
 
 
 def estimate_occlusion(light_field: LightField, disparity: np.ndarray) -> np.ndarray:

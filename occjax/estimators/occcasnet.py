@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -10,39 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
-from occjax.estimators.ranges import choose_range
+from occjax.estimators.protocol import DisparityRange, ModelEstimator, ModelInputs
+from occjax.estimators.ranges import check_range
 from occjax.layout import view_brightness
 from occjax.lightfield import LightField
 from occjax.models.occcasnet.config import OccCasNetConfig
 
-TRANSPOSED_NOTE = (
-    "warp: transposed, as in the published code (rows move with u); pass --warp correct to override"
-)
-
 
 @dataclass(frozen=True)
-class OccCasNetEstimator:
-    """Estimator of an :class:`occjax.models.OccCasNet`.
+class OccCasNetEstimator(ModelEstimator):
+    """Estimator of an :class:`occjax.models.OccCasNet`."""
 
-    Attributes:
-        name: Name of the model.
-        config: Configuration of the network.
-        variables: Variables of the network.
-        weights: Name of the weights.
-        precision: Type of the convolutions.
-    """
-
-    name: str
     config: OccCasNetConfig
-    variables: dict = field(compare=False)
-    weights: str | None = field(default=None, compare=False)
-    precision: str = "float32"
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Note on the warp, if it is the transposed one."""
-        return (TRANSPOSED_NOTE,) if self.config.warp == "transposed" else ()
 
     def prepare(
         self, light_field: LightField, disparity_range: DisparityRange | None
@@ -53,15 +32,29 @@ class OccCasNetEstimator:
             InputError: If the light field has too few views, the requested range is wider than that
                 of the network, or the network needs a ground truth that is missing.
         """
-        light_field, cropped = _crop(light_field, self.config.views)
+        notes = []
+        if self.config.warp == "transposed":
+            notes.append(
+                "warp: transposed, as in the published code (rows move with u); pass --warp "
+                "correct to override"
+            )
+        grid, views = light_field.grid, self.config.views
+        if grid[0] < views[0] or grid[1] < views[1]:
+            raise InputError(
+                f"{light_field.name}: has {grid[0]}x{grid[1]} views, the network takes "
+                f"{views[0]}x{views[1]}; use the model proposal or photometric, which take any grid"
+            )
+        if grid != views:
+            light_field = light_field.central(*views)
+            notes.append(f"the central {views[0]}x{views[1]} of {grid[0]}x{grid[1]} views are used")
         brightness = view_brightness(light_field)
         if not brightness.usable.all():
-            rows, columns = light_field.grid
             raise InputError(
-                f"{light_field.name}: {(~brightness.usable).sum()} of its {rows}x{columns} views "
-                "are missing or dark, but the network takes all of them; use the model proposal"
+                f"{light_field.name}: {(~brightness.usable).sum()} of its {views[0]}x{views[1]} "
+                "views are missing or dark, but the network takes all of them; use the model "
+                "proposal"
             )
-        notes = [*self.notes, *cropped, *brightness.notes]
+        notes += brightness.notes
         if light_field.positions is not None:
             notes.append(
                 "the camera positions are ignored, so the map may be wrong: the network assumes a "
@@ -70,7 +63,7 @@ class OccCasNetEstimator:
         candidates = np.asarray(self.config.stages[0].candidates, np.float32)
         search_range = light_field.disparity_range
         if disparity_range is not None:
-            search_range, _ = choose_range(light_field, disparity_range)
+            search_range = check_range(disparity_range)
         low, high = float(candidates[0]), float(candidates[-1])
         if search_range is not None and not (low <= search_range[0] and search_range[1] <= high):
             candidates = candidates + np.float32((sum(search_range) - (low + high)) / 2)
@@ -139,27 +132,3 @@ class OccCasNetEstimator:
             "stages": tuple(stage.disparity for stage in stages),
             "occlusion": stages[-1].occlusion,
         }
-
-    def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
-        """Add names and notes to the maps."""
-        return Estimate(
-            **outputs,
-            disparity_range=inputs.disparity_range,
-            model=self.name,
-            weights=self.weights,
-            notes=inputs.notes,
-        )
-
-
-def _crop(light_field: LightField, views: tuple[int, int]) -> tuple[LightField, list[str]]:
-    """Return the central views that the network takes, and a note if the grid was cropped."""
-    grid = light_field.grid
-    if grid == views:
-        return light_field, []
-    if grid[0] < views[0] or grid[1] < views[1]:
-        raise InputError(
-            f"{light_field.name}: has {grid[0]}x{grid[1]} views, the network takes "
-            f"{views[0]}x{views[1]}; use the model proposal or photometric, which take any grid"
-        )
-    note = f"the central {views[0]}x{views[1]} of {grid[0]}x{grid[1]} views are used"
-    return light_field.central(*views), [note]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from occjax.errors import InputError
-from occjax.estimators.protocol import DisparityRange, Estimate, ModelInputs
+from occjax.estimators.protocol import DisparityRange, ModelEstimator, ModelInputs
 from occjax.estimators.ranges import choose_range
 from occjax.estimators.strips import Strips, map_strips, plan_strips
 from occjax.layout import check, view_brightness
@@ -21,22 +21,13 @@ from occjax.view_selection import is_grid, select_view_indices
 
 
 @dataclass(frozen=True)
-class ProposalEstimator:
+class ProposalEstimator(ModelEstimator):
     """Estimator of a :class:`occjax.models.ProposalNet`.
 
-    Attributes:
-        name: Name of the model.
-        config: Configuration; with ``selector=None`` it needs no variables.
-        variables: Variables of the network.
-        weights: Name of the weights, or None.
-        precision: Type of the convolutions.
+    With ``selector=None`` in the configuration it needs no variables.
     """
 
-    name: str
     config: ProposalNetConfig
-    variables: dict = field(default_factory=dict, compare=False)
-    weights: str | None = field(default=None, compare=False)
-    precision: str = "float32"
 
     def prepare(
         self, light_field: LightField, disparity_range: DisparityRange | None
@@ -135,16 +126,6 @@ class ProposalEstimator:
             }
 
         return maps(views) if strips is None else map_strips(maps, views, strips)
-
-    def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
-        """Add names and notes to the maps."""
-        return Estimate(
-            **outputs,
-            disparity_range=inputs.disparity_range,
-            model=self.name,
-            weights=self.weights,
-            notes=inputs.notes,
-        )
 
 
 def _padded(selected: np.ndarray, count: int) -> np.ndarray:

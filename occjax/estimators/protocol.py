@@ -1,4 +1,4 @@
-"""The protocol that every estimator implements, and its input and output."""
+"""The protocol that every estimator implements, its input and output, and a base class."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from occjax.errors import InputError
 from occjax.lightfield import LightField
+from occjax.models.registry import ModelConfig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -275,3 +276,32 @@ class Estimator(Protocol):
     def finish(self, inputs: ModelInputs, outputs: Any) -> Estimate:
         """Convert the result, as NumPy arrays, to an estimate."""
         ...
+
+
+@dataclass(frozen=True)
+class ModelEstimator:
+    """Base class of the estimators of a model.
+
+    Attributes:
+        name: Name of the model.
+        config: Configuration of the model.
+        variables: Variables of the model, if it needs any.
+        weights: Name of the weights, or None.
+        precision: Type of the convolutions.
+    """
+
+    name: str
+    config: ModelConfig
+    variables: dict = field(default_factory=dict, compare=False)
+    weights: str | None = field(default=None, compare=False)
+    precision: str = "float32"
+
+    def finish(self, inputs: ModelInputs, outputs: dict[str, Any]) -> Estimate:
+        """Add names and notes to the maps."""
+        return Estimate(
+            **outputs,
+            disparity_range=inputs.disparity_range,
+            model=self.name,
+            weights=self.weights,
+            notes=inputs.notes,
+        )

@@ -140,7 +140,8 @@ def test_weights_name_the_model_and_its_warp(weights_file):
     path = weights_file("tiny")
     assert make_estimator(weights=path).name == "tiny"
     transposed = make_estimator("tiny", weights=path, warp="transposed")
-    assert any("transposed" in note for note in transposed.notes)
+    inputs = transposed.prepare(plane(grid=(3, 3), size=(16, 16)), None)
+    assert any("transposed" in note for note in inputs.notes)
     with pytest.raises(InputError, match="another model"):
         make_estimator("cas_1", weights=path)
 
