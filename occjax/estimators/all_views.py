@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +78,13 @@ def estimate_all_views(
     usable = check(light_field).brightness.usable
     shape = (*light_field.grid, *light_field.image_size)
     disparity, confidence = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)
-    indices = _by_distance(usable)
+    # From the centre view outwards: views at the same distance have the same number of candidates,
+    # so they use the same program one after the other.
+    centre = centre_index(usable.shape)
+    indices = sorted(
+        ((int(v), int(u)) for v, u in np.argwhere(usable)),
+        key=lambda view: int(np.abs(np.subtract(view, centre)).max()),
+    )
     searched: list[DisparityRange] = []
     for number, view in enumerate(indices, 1):
 
@@ -98,24 +105,20 @@ def estimate_all_views(
     # Of the registration, the positions are used and the shifts are not: the map of each view has
     # the pixels of the view as it is stored.
     offsets = registered(light_field)[0].offsets.astype(np.float32)
-    comparison = (np.float32(tolerance), offsets, usable)
-    agreeing, consistency = _compare(disparity, *comparison, radius=config.radius)
+
+    def compare() -> Iterator[np.ndarray]:
+        """Return how many views agree with each pixel, and its consistency; 0 without a map."""
+        known = np.isfinite(disparity)
+        maps = np.where(known, disparity, np.float32(0.0))
+        counts = _counts(maps, np.float32(tolerance), offsets, usable, radius=config.radius)
+        return (known * np.asarray(count) for count in counts)
+
+    agreeing, consistency = compare()
     sources = (consistency >= config.min_consistency) & (confidence >= config.min_confidence)
     filled = _fill(disparity, sources, consistency < config.min_consistency, offsets, usable)
     if filled.any():
-        agreeing, consistency = _compare(disparity, *comparison, radius=config.radius)
+        agreeing, consistency = compare()
     return ViewMaps(disparity, confidence, consistency, agreeing, filled, offsets, tolerance)
-
-
-def _by_distance(usable: np.ndarray) -> list[tuple[int, int]]:
-    """Return the usable views, the centre view first, ordered by their distance from it.
-
-    Views at the same distance have the same number of candidates, so they use the same program one
-    after the other.
-    """
-    views = [(int(v), int(u)) for v, u in np.argwhere(usable)]
-    centre = np.array(centre_index(usable.shape))
-    return sorted(views, key=lambda view: int(np.abs(np.subtract(view, centre)).max()))
 
 
 def _fill(
@@ -159,21 +162,6 @@ def _splat(target: np.ndarray, disparity: np.ndarray, offset: np.ndarray) -> Non
     row, column = (np.rint(place).astype(np.int64) for place in project(y, x, d, offset))
     inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     np.maximum.at(target, (row[inside], column[inside]), d[inside])
-
-
-def _compare(
-    disparity: np.ndarray,
-    tolerance: np.float32,
-    offsets: np.ndarray,
-    usable: np.ndarray,
-    *,
-    radius: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many other views agree with each pixel, and its consistency; 0 without a map."""
-    known = np.isfinite(disparity)
-    maps = np.where(known, disparity, np.float32(0.0))
-    agreeing, consistency = _counts(maps, tolerance, offsets, usable, radius=radius)
-    return known * np.asarray(agreeing), known * np.asarray(consistency)
 
 
 @programs.kept
