@@ -253,15 +253,8 @@ class OccCasNet(nn.Module):
 def variable_shapes(config: OccCasNetConfig) -> dict:
     """Return shapes and types of the network's variables without computing any."""
     views = jax.ShapeDtypeStruct((*config.views, 16, 16), jnp.float32)
-    # Some networks take them.
-    truth = jax.ShapeDtypeStruct((16, 16), jnp.float32)
-    visibility = jax.ShapeDtypeStruct(views.shape, jnp.bool_)
-    return jax.eval_shape(
-        lambda key, views, truth, visibility: OccCasNet(config).init(
-            key, views, ground_truth=truth, visibility=visibility
-        ),
-        jax.random.key(0),
-        views,
-        truth,
-        visibility,
-    )
+    known = {  # some networks take them
+        "ground_truth": jax.ShapeDtypeStruct((16, 16), jnp.float32),
+        "visibility": jax.ShapeDtypeStruct(views.shape, jnp.bool_),
+    }
+    return jax.eval_shape(OccCasNet(config).init, jax.random.key(0), views, **known)

@@ -83,7 +83,9 @@ def predict(
     network = OccCasNet(config, dtype=dtype)
     network.check_grid(views)
     height, width = views.shape[2:]
-    if strip_rows is None and _fits_one_strip(height, width, config, dtype):
+    largest_halo = max(stage.aggregation.halo for stage in config.stages)
+    fits_one_strip = rows_of_strip(height, width, largest_halo, dtype) == height
+    if strip_rows is None and fits_one_strip and not _is_on_cpu():
         return network.apply(variables, views, candidates=candidates, ground_truth=ground_truth)  # type: ignore[return-value]
 
     def method(name, *args, **options):
@@ -108,10 +110,7 @@ def predict(
             features, values, before, maps, jnp.asarray(offsets), COMBINE[stage.volume]
         )
         attention = method("attend", index, volume.channel_means()) if stage.attention else None
-        compute = _score_volume(method, index, volume, attention)
-        if height >= OUTPUT_ROWS and jnp.dtype(dtype) == jnp.float32:
-            row_wise = _score_row_wise(variables, config, index, volume, attention)
-            compute = _by_platform(cpu=row_wise, default=compute)
+        compute = partial(_score_strip, network, variables, index, volume, attention)
         halo = stage.aggregation.halo
         rows = strip_rows or rows_of_strip(height, width, halo, dtype)
         scores = _in_strips(compute, height=height, rows=rows, halo=halo)
@@ -142,45 +141,30 @@ def rows_of_strip(height: int, width: int, halo: int, dtype: DTypeLike = jnp.flo
     return math.ceil(height / strips)
 
 
-def _fits_one_strip(height: int, width: int, config: OccCasNetConfig, dtype: DTypeLike) -> bool:
-    """Return whether a GPU computes the image as one strip, with no volume divided."""
-    halo = max(stage.aggregation.halo for stage in config.stages)
-    return rows_of_strip(height, width, halo, dtype) == height and not _is_on_cpu()
-
-
 def _is_on_cpu() -> bool:
     """Return whether JAX's default device is a CPU."""
     device = getattr(jax.config, "jax_default_device", None)  # a context may have set it
     return (getattr(device, "platform", device) or jax.default_backend()) == "cpu"
 
 
-def _score_volume(method, index, volume, attention):
-    """Return the function ``(first_row, rows) -> [d, r, w]`` that scores a strip's volume."""
+def _score_strip(
+    network: OccCasNet,
+    variables: dict,
+    index: int,
+    volume: _StageVolume,
+    attention: Float[Array, "v u"] | None,
+    first: Int[Array, ""],
+    rows: int,
+) -> Float[Array, "d r w"]:
+    """Compute a strip of rows of the scores of a stage."""
+    height, channels = volume.features.shape[2], volume.features.shape[-1]
 
-    def scores(first, rows):
-        return method("aggregate", index, volume.strip(first, rows, attention), None)
+    def by_layers(first):
+        strip = volume.strip(first, rows, attention)
+        return network.apply(variables, index, strip, None, method="aggregate")
 
-    return scores
-
-
-def _by_platform(*, cpu, default):
-    def scores(first, rows):
-        functions = {"cpu": partial(cpu, rows=rows), "default": partial(default, rows=rows)}
-        return jax.lax.platform_dependent(first, **functions)
-
-    return scores
-
-
-def _score_row_wise(variables, config, index, volume, attention):
-    """Return the scoring function for a CPU, with half of the multiplications."""
-    name = f"aggregation_{config.part_index(index)}"
-    weights = None
-    if attention is not None:
-        weights = jnp.repeat(attention.reshape(-1), volume.features.shape[-1])
-
-    def scores(first, rows):
+    def by_rows(first):
         strip = volume.strip_with_halo_rows(first, rows)
-        height = volume.features.shape[2]
 
         def read(start):
             taken = jax.lax.dynamic_slice_in_dim(strip, start + 1, INPUT_ROWS, axis=1)
@@ -188,10 +172,15 @@ def _score_row_wise(variables, config, index, volume, attention):
             inside = (row >= 0) & (row < height)
             return jnp.where(inside[:, None, None, None], jnp.moveaxis(taken, 1, 0), 0.0)
 
-        aggregation = config.stages[index].aggregation
-        return aggregate_rows(read, rows, variables, name, aggregation, weights)
+        name = f"aggregation_{network.config.part_index(index)}"
+        weights = None if attention is None else jnp.repeat(attention.reshape(-1), channels)
+        config = network.config.stages[index].aggregation
+        return aggregate_rows(read, rows, variables, name, config, weights)
 
-    return scores
+    if height < OUTPUT_ROWS or jnp.dtype(network.dtype) != jnp.float32:
+        return by_layers(first)
+    # On a CPU, half of the multiplications suffice.
+    return jax.lax.platform_dependent(first, cpu=by_rows, default=by_layers)
 
 
 class _StageVolume:
@@ -213,16 +202,7 @@ class _StageVolume:
 
         def row_of_views(row):
             features, offsets, weights = jax.tree.map(lambda array: array[None], row)
-            options = {
-                "weights": weights,
-                "offsets": offsets,
-                "combine": mean_of_plane,
-                "streamed": True,
-            }
-            if self.before is None:
-                means = coarse_volume(features, self.candidates, **options)
-            else:
-                means = refined_volume(features, self.before, self.candidates, **options)
+            means = self._rows(0, features.shape[2], features, offsets, weights, mean_of_plane)
             return means.mean((0, 1, 2))
 
         return jax.lax.map(row_of_views, (self.features, self.offsets, self.weights)).reshape(-1)
@@ -231,25 +211,14 @@ class _StageVolume:
         self, first: Int[Array, ""], rows: int, attention: Float[Array, "v u"] | None
     ) -> Float[Array, "d r w k"]:
         """Compute a strip of rows of the volume, each view weighted by attention."""
-
-        def cut(array, axis):
-            return jax.lax.dynamic_slice_in_dim(array, first, rows, axis)
-
-        weights = None if self.weights is None else cut(self.weights, 2)
+        weights = self.weights
+        if weights is not None:
+            weights = jax.lax.dynamic_slice_in_dim(weights, first, rows, 2)
         if attention is not None:
             per_view = attention[:, :, None, None]
             shape = (*attention.shape, rows, self.features.shape[3])
             weights = jnp.broadcast_to(per_view, shape) if weights is None else weights * per_view
-        options = {
-            "weights": weights,
-            "offsets": self.offsets,
-            "combine": self.combine,
-            "streamed": True,
-        }
-        if self.before is None:
-            return coarse_volume(self.features, self.candidates, rows=(first, rows), **options)
-        before = cut(self.before, 0)
-        return refined_volume(self.features, before, self.candidates, first_row=first, **options)
+        return self._rows(first, rows, self.features, self.offsets, weights, self.combine)
 
     def strip_with_halo_rows(self, first: Int[Array, ""], rows: int) -> Float[Array, "d n w k"]:
         """Compute a strip of cost-volume rows with one halo row on each side.
@@ -258,14 +227,15 @@ class _StageVolume:
         """
         if self.before is not None or self.weights is not None:
             return jnp.pad(self.strip(first, rows, None), ((0, 0), (1, 1), (0, 0), (0, 0)))
-        return coarse_volume(
-            self.features,
-            self.candidates,
-            rows=(first - 1, rows + 2),
-            offsets=self.offsets,
-            combine=self.combine,
-            streamed=True,
-        )
+        return self._rows(first - 1, rows + 2, self.features, self.offsets, None, self.combine)
+
+    def _rows(self, first, rows, features, offsets, weights, combine):
+        """Compute rows of the volume of some views."""
+        options = {"weights": weights, "offsets": offsets, "combine": combine, "streamed": True}
+        if self.before is None:
+            return coarse_volume(features, self.candidates, rows=(first, rows), **options)
+        before = jax.lax.dynamic_slice_in_dim(self.before, first, rows)
+        return refined_volume(features, before, self.candidates, first_row=first, **options)
 
 
 def _in_strips(compute, *, height: int, rows: int, halo: int) -> Float[Array, "d h w"]:
