@@ -92,13 +92,9 @@ class OccCasNetTask:
         return jax.vmap(apply_to_one, axis_name=BATCH_AXIS, out_axes=(0, None))(batch)
 
     def truth_arguments(self, sample: LightFieldSample) -> dict[str, Any]:
-        """Return the keyword arguments of networks that know the true disparity or visibility."""
-        known = {}
-        if self.network.needs_ground_truth:
-            known["ground_truth"] = jnp.where(sample.valid, sample.disparity, 0.0)
-        if self.network.needs_visibility:
-            known["visibility"] = sample.visibility
-        return known
+        """Return the true disparity and visibility, which some networks use."""
+        truth = jnp.where(sample.valid, sample.disparity, 0.0)
+        return {"ground_truth": truth, "visibility": sample.visibility}
 
 
 def cascade_loss(
@@ -173,15 +169,11 @@ def distribution_error(
         >>> round(float(entropy[0, 0]), 3), bool(covered[0, 0])
         (0.693, True)
     """
-    candidates = jax.lax.stop_gradient(candidates)
+    candidates = jax.lax.stop_gradient(candidates)[:, None, None]
     below = jnp.concatenate([2.0 * candidates[:1] - candidates[1:2], candidates[:-1]])
     above = jnp.concatenate([candidates[1:], 2.0 * candidates[-1:] - candidates[-2:-1]])
-
-    def per_candidate(values):
-        return values[:, None, None]
-
-    rising = (truth[None] - per_candidate(below)) / per_candidate(candidates - below)
-    falling = (per_candidate(above) - truth[None]) / per_candidate(above - candidates)
+    rising = (truth[None] - below) / (candidates - below)
+    falling = (above - truth[None]) / (above - candidates)
     target = jnp.clip(jnp.minimum(rising, falling), 0.0, 1.0)
     # Through the softmax, a probability that underflows to zero has the correct gradient at any
     # positive value; the smallest one changes the cross-entropy least.

@@ -201,7 +201,7 @@ def test_patches_are_scored_without_their_border(monkeypatch):
         def __init__(self, config):
             pass
 
-        def apply(self, variables, views):
+        def apply(self, variables, views, **known):
             return [SimpleNamespace(disparity=0.0 * views[2, 2] + 0.05, occlusion=None)]
 
     monkeypatch.setattr(reduced, "OccCasNet", Constant)
