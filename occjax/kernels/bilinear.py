@@ -48,11 +48,14 @@ def base_and_fraction(coordinate: Array, size: int) -> tuple[Array, Array]:
 
 
 def project_pixels(
-    disparity: Float[Array, "h w"], offset: Float[Array, "2"]
+    disparity: Float[Array, "h w"], offset: Float[Array, "2"], first_row: int | Int[Array, ""] = 0
 ) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
-    """Project every pixel of the centre view into another view; rows and columns, in pixels."""
+    """Project pixels of the centre view into another view; rows and columns, in pixels.
+
+    ``first_row`` is the row of the centre view at which ``disparity`` begins.
+    """
     h, w = disparity.shape
-    y = jnp.arange(h, dtype=disparity.dtype)[:, None]
+    y = (jnp.arange(h, dtype=disparity.dtype) + jnp.asarray(first_row, disparity.dtype))[:, None]
     x = jnp.arange(w, dtype=disparity.dtype)[None, :]
     return project(y, x, disparity, offset)
 

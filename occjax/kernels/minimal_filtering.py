@@ -61,15 +61,10 @@ def _combinations() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 _FILTERS, _INPUTS, _PRODUCTS = _combinations()
 
 
-def row_kernels(kernel: Float[Array, "3 3 3 c k"]) -> Float[Array, "6 3 3 c k"]:
-    """Return the six combined kernels for :func:`convolve_rows`."""
-    return jnp.einsum("pi,dijck->pdjck", jnp.asarray(_FILTERS, kernel.dtype), kernel)
-
-
 def convolve_rows(
     read: ReadRows,
     height: int,
-    kernels: Float[Array, "6 3 3 c k"],
+    kernel: Float[Array, "3 3 3 c k"],
     finish: Callable[[Float[Array, "4 d w k"], Int[Array, ""]], Float[Array, "4 d w k"]],
 ) -> Float[Array, "n d w k"]:
     """Convolve a volume that is read in parts, with zero padding.
@@ -79,7 +74,7 @@ def convolve_rows(
             from -1 to ``height - 5``. Rows -1 and ``height`` are zero; if the volume is a strip of
             a larger volume, they are the neighbouring rows of that volume.
         height: Number of rows h, at least 4.
-        kernels: ``[6, 3, 3, c, k]`` from :func:`row_kernels`.
+        kernel: ``[3, 3, 3, c, k]`` over candidates, rows and columns.
         finish: Function applied to four rows of the result and the index of the first one.
 
     Returns:
@@ -88,12 +83,13 @@ def convolve_rows(
     """
     # The last group of rows overlaps the one before.
     starts = np.minimum(np.arange(0, height, OUTPUT_ROWS), height - OUTPUT_ROWS)
+    kernels = jnp.einsum("pi,dijck->pdjck", jnp.asarray(_FILTERS, kernel.dtype), kernel)
 
     def four_rows(start):
         rows = read(start - 1)
         products = [
-            plain_convolution(_combine(factors, rows)[None], kernel)[0]
-            for factors, kernel in zip(_INPUTS, kernels, strict=True)
+            plain_convolution(_combine(factors, rows)[None], combined)[0]
+            for factors, combined in zip(_INPUTS, kernels, strict=True)
         ]
         results = [_combine(factors, products) for factors in _PRODUCTS]
         return finish(jnp.stack(results), start)

@@ -22,7 +22,6 @@ from occjax.kernels.minimal_filtering import (
     OUTPUT_ROWS,
     convolve_rows,
     kernel_gradient_of_rows,
-    row_kernels,
     rows_between_zeros,
 )
 from occjax.kernels.reductions import accumulation_dtype
@@ -105,8 +104,7 @@ def _filter(
     if not _is_filtered(volume, kernel):
         return _on_cpu(volume, kernel)
     rows = jnp.pad(jnp.moveaxis(volume, 1, 0), ((1, 1), (0, 0), (0, 0), (0, 0)))
-    read = rows_between_zeros(rows)
-    result = convolve_rows(read, volume.shape[1], row_kernels(kernel), lambda rows, _: rows)
+    result = convolve_rows(rows_between_zeros(rows), len(rows) - 2, kernel, lambda rows, _: rows)
     return jnp.moveaxis(result[1:-1], 0, 1)
 
 

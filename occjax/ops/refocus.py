@@ -13,6 +13,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from occjax.errors import InputError
+from occjax.kernels.bilinear import project_pixels
 from occjax.kernels.reductions import accumulation_dtype
 from occjax.lightfield import centre_index, project
 from occjax.ops.occlusion import occlusion_weights
@@ -145,11 +146,9 @@ def all_in_focus(
             f"disparity must be [{h}, {w}] like the views, not {list(disparity.shape)}"
         )
     centre = views[centre_index(views.shape[:2])]
-    rows = jnp.arange(h, dtype=disparity.dtype)[:, None]
-    columns = jnp.arange(w, dtype=disparity.dtype)[None, :]
 
     def add(view, offset):
-        y, x = project(rows, columns, disparity, offset)
+        y, x = project_pixels(disparity, offset)
         warped = warp(view, disparity, offset)
         difference = jnp.clip(jnp.abs(warped - centre).sum(-1), 0.0, 1.0)
         agreement = occlusion_weights(difference).astype(disparity.dtype)

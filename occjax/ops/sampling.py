@@ -27,9 +27,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from occjax.errors import InputError, check_one_of
-from occjax.kernels.bilinear import base_and_fraction, whole_and_fraction
+from occjax.kernels.bilinear import base_and_fraction, project_pixels, whole_and_fraction
 from occjax.kernels.reductions import accumulation_dtype
-from occjax.lightfield import LightField, project, view_offsets
+from occjax.lightfield import LightField, view_offsets
 
 Border = Literal["replicate", "zero"]
 """What :func:`warp` reads outside the image."""
@@ -194,10 +194,7 @@ def warp(
             f"disparity must be [{h}, {w}] like the image, or some of its rows, "
             f"not {list(disparity.shape)}"
         )
-    height, width = disparity.shape
-    rows = jnp.arange(height, dtype=disparity.dtype) + jnp.asarray(first_row, disparity.dtype)
-    columns = jnp.arange(width, dtype=disparity.dtype)
-    y, x = project(rows[:, None], columns[None, :], disparity, offset)
+    y, x = project_pixels(disparity, offset, first_row)
     if border == "zero":
         image = jnp.pad(image, ((1, 1), (1, 1), (0, 0)))
         y, x = y + 1.0, x + 1.0

@@ -7,7 +7,6 @@ import pytest
 from occjax.kernels.minimal_filtering import (
     convolve_rows,
     kernel_gradient_of_rows,
-    row_kernels,
     rows_between_zeros,
 )
 
@@ -25,7 +24,7 @@ def by_loops(volume, kernel):
 
 def convolve(volume, kernel):
     read = rows_between_zeros(jnp.pad(volume, ((1, 1), (0, 0), (0, 0), (0, 0))))
-    return convolve_rows(read, len(volume), row_kernels(kernel), lambda rows, start: rows)
+    return convolve_rows(read, len(volume), kernel, lambda rows, start: rows)
 
 
 @pytest.mark.usefixtures("x64")
@@ -49,12 +48,12 @@ def test_value_and_kernel_gradient_match_loops(height, tolerance):
 
 def test_finish_gets_the_number_of_the_first_row():
     volume = jnp.zeros((9, 2, 3, 1))
-    kernels = row_kernels(jnp.zeros((3, 3, 3, 1, 1)))
+    kernel = jnp.zeros((3, 3, 3, 1, 1))
 
     def number(rows, start):
         return rows + (start + jnp.arange(4))[:, None, None, None].astype(rows.dtype)
 
-    result = convolve_rows(rows_between_zeros(volume), 7, kernels, number)
+    result = convolve_rows(rows_between_zeros(volume), 7, kernel, number)
     np.testing.assert_array_equal(result[1:-1, 0, 0, 0], np.arange(7))
 
 

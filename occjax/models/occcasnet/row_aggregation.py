@@ -17,7 +17,6 @@ from occjax.kernels.minimal_filtering import (
     OUTPUT_ROWS,
     ReadRows,
     convolve_rows,
-    row_kernels,
     rows_between_zeros,
 )
 from occjax.models.occcasnet.config import AggregationConfig
@@ -63,7 +62,7 @@ def aggregate_rows(
                 return jax.nn.relu(rows)
             return rows + jax.lax.dynamic_slice_in_dim(residual, start + 1, OUTPUT_ROWS)
 
-        return convolve_rows(read, height, row_kernels(kernel), finish)
+        return convolve_rows(read, height, kernel, finish)
 
     x = layer(read, "conv_0", weights=weights)
     x = layer(rows_between_zeros(x), "conv_1")
