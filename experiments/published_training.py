@@ -16,7 +16,7 @@ from occjax.data.folders import grain_batches
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import LightFieldSample, numpy_sample, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import ALL_ROWS, Source, check_batch_size
+from occjax.data.sources import ALL_ROWS, Source
 from occjax.data.transforms import transform_sample
 from occjax.errors import InputError
 from occjax.lightfield import centre_index
@@ -78,7 +78,6 @@ def published_source(
         InputError: If the seed is out of range or grain is missing; when called, if there are no
             scenes or none has an acceptable patch.
     """
-    check_batch_size(batch_size)
     batches = grain_batches(partial(published_sample, scenes=scenes), batch_size, seed, threads)
     return lambda step, rows=ALL_ROWS, /: to_device(batches(step, rows))
 

@@ -15,13 +15,7 @@ import numpy as np
 from occjax.data.config import AugmentationConfig
 from occjax.data.samples import LightFieldSample, stack_samples, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import (
-    ALL_ROWS,
-    Source,
-    augment_for_step,
-    check_batch_size,
-    sample_numbers,
-)
+from occjax.data.sources import ALL_ROWS, Source, augmented, check_batch_size, sample_numbers
 from occjax.errors import InputError
 
 
@@ -46,17 +40,13 @@ def folder_source(
         InputError: If there are no scenes, if the seed is out of range or grain is missing; when
             called, if the scenes differ in their views or are smaller than the patches.
     """
-    check_batch_size(batch_size)
     if not scenes:
         raise InputError("there are no scenes to draw patches from")
     draw = partial(_random_window, scenes, augmentation)
     windows = grain_batches(draw, batch_size, seed, threads)
-
-    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
-        batch = to_device(windows(step, rows))
-        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
-
-    return source
+    return augmented(
+        lambda step, rows: to_device(windows(step, rows)), batch_size, seed, augmentation
+    )
 
 
 def grain_batches(
@@ -77,8 +67,9 @@ def grain_batches(
         threads: Number of threads that prepare samples ahead; 0 prepares them when needed.
 
     Raises:
-        InputError: If the seed is out of range or grain is missing.
+        InputError: If the batch size is not positive, the seed is out of range or grain is missing.
     """
+    check_batch_size(batch_size)
     try:
         import grain
     except ImportError as error:

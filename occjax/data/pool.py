@@ -28,13 +28,7 @@ from occjax.data.samples import (
     stack_samples,
     to_device,
 )
-from occjax.data.sources import (
-    ALL_ROWS,
-    Source,
-    augment_for_step,
-    check_batch_size,
-    sample_numbers,
-)
+from occjax.data.sources import Source, augmented, check_batch_size, sample_numbers
 from occjax.errors import InputError
 from occjax.io.arrays import load_fields
 from occjax.io.atomic import atomic_path
@@ -113,18 +107,16 @@ def pool_source(
     """
     check_batch_size(batch_size)
     files = light_field_files(folder)
-
     item = shuffled(len(files), seed)
 
-    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+    def read(step: int, rows: slice) -> LightFieldSample:
         samples = [
             select_views(read_sample(files[item(number)]), views)
             for number in sample_numbers(step, rows, batch_size)
         ]
-        batch = to_device(stack_samples(samples))
-        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
+        return to_device(stack_samples(samples))
 
-    return source
+    return augmented(read, batch_size, seed, augmentation)
 
 
 def shuffled(count: int, seed: int) -> Callable[[int], int]:

@@ -72,13 +72,12 @@ def procedural_source(
     """
     check_batch_size(batch_size)
 
-    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+    def render(step: int, rows: slice) -> LightFieldSample:
         root, numbers = jax.random.key(seed), sample_numbers(step, rows, batch_size)
         first = jnp.uint32(numbers.start % 2**32)
-        batch = _render_batch(root, first, config=config, count=len(numbers))
-        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
+        return _render_batch(root, first, config=config, count=len(numbers))
 
-    return source
+    return augmented(render, batch_size, seed, augmentation)
 
 
 def cached_source(
@@ -129,12 +128,11 @@ def cached_source(
             held = _store_batch(held, rendered(step), step)
         return held
 
-    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+    def draw(step: int, rows: slice) -> LightFieldSample:
         drawn = np.random.default_rng((seed, step)).integers(count, size=batch_size)[rows]
-        batch = _gather_samples(kept(), drawn.astype(np.int32))
-        return augment_for_step(batch, augmentation, seed, step, rows, batch_size)
+        return _gather_samples(kept(), drawn.astype(np.int32))
 
-    return source
+    return augmented(draw, batch_size, seed, augmentation)
 
 
 def mixture(parts: Mapping[Source, float]) -> Source:
@@ -224,30 +222,32 @@ def sample_numbers(step: int, rows: slice, batch_size: int) -> range:
     return range(step * batch_size, (step + 1) * batch_size)[rows]
 
 
-def augment_for_step(
-    batch: LightFieldSample,
-    augmentation: AugmentationConfig | None,
-    seed: int,
-    step: int,
-    rows: slice,
+def augmented(
+    make: Callable[[int, slice], LightFieldSample],
     batch_size: int,
-) -> LightFieldSample:
-    """Augment rows of a batch with the random keys of a step.
+    seed: int,
+    augmentation: AugmentationConfig | None,
+) -> Source:
+    """Return the source of augmented batches.
 
     Args:
-        batch: The samples of the rows.
-        augmentation: Random augmentation; None leaves the batch unchanged.
-        seed: Seed of the source.
-        step: Number of the step.
-        rows: Rows of the batch of the step.
-        batch_size: Samples in the batch of the step.
+        make: Function from the number of a step and the rows of its batch to the samples in these
+            rows.
+        batch_size: Samples in the batch of a step.
+        seed: Seed of the augmentation.
+        augmentation: Random augmentation; None leaves the samples unchanged.
     """
-    if augmentation is None:
-        return batch
-    # The last number keeps these keys apart from those that light fields are rendered with.
-    key = jax.random.fold_in(jax.random.key(seed), 2**32 - 1)
-    keys = jax.random.split(jax.random.fold_in(key, step), batch_size)
-    return augment_batch(keys[rows], batch, augmentation)
+
+    def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
+        batch = make(step, rows)
+        if augmentation is None:
+            return batch
+        # The last number keeps these keys apart from those that light fields are rendered with.
+        key = jax.random.fold_in(jax.random.key(seed), 2**32 - 1)
+        keys = jax.random.split(jax.random.fold_in(key, step), batch_size)
+        return augment_batch(keys[rows], batch, augmentation)
+
+    return source
 
 
 def check_batch_size(batch_size: int) -> None:
