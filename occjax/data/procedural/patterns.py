@@ -28,15 +28,7 @@ def textures(
     draws = draws.with_shape((count, 1, 1))
     exponent = draws.uniform(0.3, 2.2)
     stretch = draws.choose(0.4, draws.log_uniform(1.0, 6.0), 1.0)
-    first, second = noise(
-        noise_key,
-        count,
-        SIZE,
-        exponent,
-        draws.angle(),
-        stretch,
-        draws.log_uniform(1.0, 8.0),
-    )
+    first, second = noise(noise_key, exponent, draws.angle(), stretch, draws.log_uniform(1.0, 8.0))
     # Plain noise, noise with hard edges, or noise folded into veins.
     character, strength = draws.unit(), draws.log_uniform(1.0, 8.0)
     clouds = jnp.where(
@@ -98,8 +90,6 @@ def outlines(
     radius = jnp.hypot(x, y)
     rough, other = noise(
         noise_key,
-        count,
-        SIZE,
         draws.uniform(1.2, 2.2),
         draws.angle(),
         draws.log_uniform(1.0, 3.0),
@@ -150,13 +140,11 @@ def outlines(
 
 def noise(
     key: Key,
-    count: int,
-    size: int,
     exponent: Float[Array, "count 1 1"],
     angle: Float[Array, "count 1 1"],
     stretch: Float[Array, "count 1 1"],
     coarsest: Float[Array, "count 1 1"],
-) -> tuple[Float[Array, "count size size"], Float[Array, "count size size"]]:
+) -> tuple[Float[Array, "count 256 256"], Float[Array, "count 256 256"]]:
     """Draw pairs of independent periodic random fields of mean 0 and standard deviation 1.
 
     The amplitude falls as ``1 / f^exponent`` and is flat below the frequency ``coarsest``. Complex
@@ -164,18 +152,16 @@ def noise(
 
     Args:
         key: Random key.
-        count: Number of pairs.
-        size: Rows and columns, in pixels.
-        exponent: Exponent of the spectrum; 1 is that of natural images.
+        exponent: Exponent of the spectrum of each pair; 1 is that of natural images.
         angle: Direction in which the noise is stretched, in radians.
         stretch: Factor of stretching; 1 means none.
         coarsest: Periods per side of the coarsest structures.
 
     Returns:
-        Two arrays ``[count, size, size]``.
+        Two arrays ``[count, SIZE, SIZE]``.
     """
-    white = jax.random.uniform(key, (2, count, size, size)) - 0.5
-    frequency = jnp.asarray(np.fft.fftfreq(size, 1.0 / size), jnp.float32)
+    white = jax.random.uniform(key, (2, len(exponent), SIZE, SIZE)) - 0.5
+    frequency = jnp.asarray(np.fft.fftfreq(SIZE, 1.0 / SIZE), jnp.float32)
     down, across = frequency[None, :, None], frequency[None, None, :]
     along = (jnp.cos(angle) * across + jnp.sin(angle) * down) * stretch
     crosswise = jnp.cos(angle) * down - jnp.sin(angle) * across

@@ -1,7 +1,6 @@
 """Textures and noise."""
 
 import dataclasses
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -24,10 +23,10 @@ def test_noise_has_the_spectrum_asked_for(exponent, tolerance):
     def one(value):
         return jnp.full((4, 1, 1), value, jnp.float32)
 
-    pair = jax.jit(partial(noise, count=4, size=128))(
+    pair = jax.jit(noise)(
         KEY, exponent=one(exponent), angle=one(0.3), stretch=one(1.0), coarsest=one(1.0)
     )
-    frequency = np.hypot(*np.meshgrid(*(np.fft.fftfreq(128, 1 / 128),) * 2))
+    frequency = np.hypot(*np.meshgrid(*(np.fft.fftfreq(256, 1 / 256),) * 2))
     for fields in np.asarray(pair):
         np.testing.assert_allclose(fields.mean(axis=(1, 2)), 0.0, **tolerance("float32"))
         np.testing.assert_allclose(fields.std(axis=(1, 2)), 1.0, **tolerance("float32"))
