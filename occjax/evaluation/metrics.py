@@ -137,11 +137,14 @@ def evaluate(
             raise InputError(
                 f"BadPix threshold is {threshold:g}; pass 0 or more pixels per view step, finite"
             )
-    errors = _absolute_errors(estimate, ground_truth, border, mask)
+    compared = compared_pixels(estimate, ground_truth, border=border, mask=mask)
+    errors = np.abs(signed_errors(estimate, ground_truth)[compared])
     present = errors[np.isfinite(errors)]
+    if not present.size:
+        raise InputError("the estimate has no finite value at the compared pixels; check the map")
     return Metrics(
         mse_x100=float(100.0 * np.mean(np.square(present))),
-        badpix={each: float(100.0 * np.mean(errors > each)) for each in thresholds},
+        badpix={each: float(100.0 * np.mean(~(errors <= each))) for each in thresholds},
         q25_x100=float(100.0 * np.sort(present)[present.size // 4]),
         pixels=errors.size,
         missing=errors.size - present.size,
@@ -236,16 +239,8 @@ def compared_pixels(
     return compared
 
 
-def _absolute_errors(
-    estimate: np.ndarray, ground_truth: np.ndarray, border: int, mask: np.ndarray | None
-) -> np.ndarray:
-    """Return ``[N]`` absolute errors of the compared pixels; infinite without an estimate."""
-    compared = compared_pixels(estimate, ground_truth, border=border, mask=mask)
-    estimated = np.asarray(estimate)[compared].astype(np.float64)
-    true = np.asarray(ground_truth)[compared].astype(np.float64)
-    present = np.isfinite(estimated)
-    if not present.any():
-        raise InputError("the estimate has no finite value at the compared pixels; check the map")
-    errors = np.full(true.shape, np.inf)
-    errors[present] = np.abs(estimated[present] - true[present])
-    return errors
+def signed_errors(estimate: np.ndarray, ground_truth: np.ndarray) -> np.ndarray:
+    """Return ``[H, W]`` float64 errors; NaN, which fails any comparison, where a map has none."""
+    estimate, ground_truth = (np.asarray(each, np.float64) for each in (estimate, ground_truth))
+    both = np.isfinite(estimate) & np.isfinite(ground_truth)
+    return np.subtract(estimate, ground_truth, out=np.full(both.shape, np.nan), where=both)

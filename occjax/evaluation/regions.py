@@ -16,7 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from occjax.errors import InputError
-from occjax.evaluation.metrics import BORDER, compared_pixels
+from occjax.evaluation.metrics import BORDER, compared_pixels, signed_errors
 
 
 def bumpiness(
@@ -54,7 +54,7 @@ def bumpiness(
     truth = np.asarray(ground_truth, np.float64)
     known = np.isfinite(_hessian_norm(np.where(np.isfinite(truth), truth, np.nan)))
     pixels = compared_pixels(estimate, np.where(known, truth, np.nan), border=border, mask=mask)
-    roughness = _hessian_norm(_signed_errors(estimate, truth))
+    roughness = _hessian_norm(signed_errors(estimate, truth))
     return float(np.mean(np.fmin(roughness, 0.05)[pixels]))
 
 
@@ -92,7 +92,7 @@ def fattening(
         25.0
     """
     pixels = compared_pixels(estimate, ground_truth, border=border, mask=mask)
-    return _percent_not(_signed_errors(estimate, ground_truth)[pixels] <= threshold)
+    return _percent_not(signed_errors(estimate, ground_truth)[pixels] <= threshold)
 
 
 def wrong_layer(
@@ -171,16 +171,9 @@ def missed_dots(
         33.33
     """
     pixels = compared_pixels(estimate, ground_truth, border=border, mask=dots)
-    good = np.abs(_signed_errors(estimate, ground_truth)) <= threshold
+    good = np.abs(signed_errors(estimate, ground_truth)) <= threshold
     labels, count = ndimage.label(pixels, np.ones((3, 3)))
     return _percent_not(ndimage.mean(good, labels, np.arange(1, count + 1)) >= 0.5)
-
-
-def _signed_errors(estimate: np.ndarray, ground_truth: np.ndarray) -> np.ndarray:
-    """Return ``[H, W]`` float64 errors; NaN, which fails any comparison, where a map has none."""
-    estimate, ground_truth = (np.asarray(each, np.float64) for each in (estimate, ground_truth))
-    both = np.isfinite(estimate) & np.isfinite(ground_truth)
-    return np.subtract(estimate, ground_truth, out=np.full(both.shape, np.nan), where=both)
 
 
 def _percent_not(good: np.ndarray) -> float:
