@@ -167,18 +167,6 @@ def _damaged(path: Path, reason: str) -> InputError:
     )
 
 
-class _Repeated(logging.Filter):
-    """Drops logged errors that are raised as well: all while active, then those on the folder."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__()
-        self.folder, self.active = str(folder), True
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        repeated = self.active or self.folder in record.getMessage()
-        return record.levelno < logging.ERROR or not repeated
-
-
 @contextmanager
 def _failures_as(error_of: Callable[[Path, str], InputError], folder: Path) -> Iterator[None]:
     """Raise failures as another error, and keep Orbax from logging that of each of its threads.
@@ -186,20 +174,25 @@ def _failures_as(error_of: Callable[[Path, str], InputError], folder: Path) -> I
     These are hundreds of lines for a full disk. After a failure, errors about the folder are
     dropped until the end of the process: asyncio logs those of tasks when it removes them.
     """
+    inside = True
+
+    def is_new(record: logging.LogRecord) -> bool:
+        repeated = inside or str(folder) in record.getMessage()
+        return record.levelno < logging.ERROR or not repeated
+
     loggers = [logging.getLogger(name) for name in ("absl", "asyncio")]
-    repeated = _Repeated(folder)
     for logger in loggers:
-        logger.addFilter(repeated)
+        logger.addFilter(is_new)
     try:
         yield
         for logger in loggers:
-            logger.removeFilter(repeated)
+            logger.removeFilter(is_new)
     except InputError:
         raise
     except Exception as error:
         raise error_of(folder, _reason(error)) from error
     finally:
-        repeated.active = False
+        inside = False
 
 
 def _reason(error: BaseException) -> str:

@@ -80,8 +80,6 @@ def first_process_first(make: Callable[[], _T]) -> _T:
 
     Process 0 then creates the folders that all of them use.
     """
-    if jax.process_count() == 1:
-        return make()
     made: list[_T] = []
     on_first_process(lambda: made.append(make()))
     return made[0] if made else make()

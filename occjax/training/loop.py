@@ -239,19 +239,22 @@ class _Steps:
         Returns:
             State after the step, and its metrics.
         """
-        unread = self._unread
-        result = self._start(state, step, batch)
-        if unread is not None and not self._accepted(*unread):
-            result = self._start(self._refuse(result[0], *unread), step, batch)
-        self._unread = (step, batch, result[1])
-        return result
+        after, metrics = self._start(state, step, batch)
+        before = self.settle(after)
+        if before is not after:
+            after, metrics = self._start(before, step, batch)
+        self._unread = (step, batch, metrics)
+        return after, metrics
 
     def settle(self, state: TrainState) -> TrainState:
         """Wait for the last step; return its state, or if it is refused, the state before it."""
         unread, self._unread = self._unread, None
-        if unread is None or self._accepted(*unread):
+        if unread is None:
             return state
-        return self._refuse(state, *unread)
+        if not unread[2]["applied"]:
+            return self._refuse(state, *unread)
+        self._successive = 0
+        return state
 
     def _start(
         self, state: TrainState, step: int, batch: Batch
@@ -270,12 +273,6 @@ class _Steps:
         result = run_step(state, batch)
         self.say(f"{self.folder}: compiled in {time.monotonic() - begin:.0f} s")
         return result
-
-    def _accepted(self, step: int, batch: Batch, metrics: dict[str, jax.Array]) -> bool:
-        accepted = bool(np.asarray(metrics["applied"]))
-        if accepted:
-            self._successive = 0
-        return accepted
 
     def _refuse(
         self, state: TrainState, step: int, batch: Batch, metrics: dict[str, jax.Array]

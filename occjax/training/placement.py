@@ -127,10 +127,4 @@ def gather(tree: Any) -> Any:
     Args:
         tree: Arrays on the devices of all processes; all processes call this together.
     """
-
-    def whole(array):
-        if array.is_fully_addressable:
-            return jax.device_get(array)
-        return multihost_utils.process_allgather(array, tiled=True)
-
-    return jax.tree.map(whole, tree)
+    return multihost_utils.process_allgather(tree, tiled=True)

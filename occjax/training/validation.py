@@ -121,15 +121,21 @@ def scenes_from_folders(folders: Sequence[str | Path]) -> list[LightField]:
         >>> scenes_from_folders([path])[0].name
         'cotton'
     """
-    scenes = []
+    scenes: list[LightField] = []
+    number_of: Counter[str] = Counter()
     for folder in folders:
         light_field = load(folder)
         if light_field.ground_truth is None:
             raise InputError(
                 f"{folder}: has no ground truth to validate with; choose another scene"
             )
+        # Scenes of equal names would write the same picture.
+        name = light_field.name
+        number_of[name] += 1
+        if number_of[name] > 1:
+            light_field = dataclasses.replace(light_field, name=f"{name}_{number_of[name]}")
         scenes.append(light_field)
-    return _with_unique_names(scenes)
+    return scenes
 
 
 def scenes_from_batch(
@@ -199,15 +205,3 @@ def picture(disparity: np.ndarray, truth: np.ndarray) -> np.ndarray:
     both = np.concatenate([truth, disparity], axis=1)  # one range of colours
     maps = disparity_picture(both, ground_truth=truth), error_picture(disparity, truth)
     return np.concatenate(maps, axis=1)
-
-
-def _with_unique_names(scenes: list[LightField]) -> list[LightField]:
-    """Number scenes of equal names; otherwise they would write the same picture."""
-    count: Counter[str] = Counter()
-    unique = []
-    for scene in scenes:
-        count[scene.name] += 1
-        number = count[scene.name]
-        name = scene.name if number == 1 else f"{scene.name}_{number}"
-        unique.append(dataclasses.replace(scene, name=name))
-    return unique
