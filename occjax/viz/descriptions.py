@@ -41,10 +41,13 @@ class Description:
         Args:
             picture: ``[H, W, 3]`` uint8 RGB.
         """
+        from PIL import Image
+
+        png = io.BytesIO()
+        Image.fromarray(picture).save(png, format="PNG")
+        address = "data:image/png;base64," + base64.b64encode(png.getvalue()).decode("ascii")
         frame = ElementTree.Element("div", style="display:flex;gap:1em;align-items:flex-start")
-        ElementTree.SubElement(
-            frame, "img", src=data_address(picture), alt=self.title, style="max-width:256px"
-        )
+        ElementTree.SubElement(frame, "img", src=address, alt=self.title, style="max-width:256px")
         table = ElementTree.SubElement(frame, "table")
         ElementTree.SubElement(table, "caption", style="text-align:left").text = self.title
         for name, value in self.facts.items():
@@ -141,19 +144,6 @@ def describe_calibration(calibration: Calibration | None) -> str:
         f"focal length {calibration.focal_length_mm:g} mm, sensor {calibration.sensor_size_mm:g} "
         f"mm, baseline {calibration.baseline_mm:g} mm, focus {calibration.focus_distance_m:g} m"
     )
-
-
-def data_address(picture: np.ndarray) -> str:
-    """Return a picture as a ``data:`` address of a PNG, for HTML.
-
-    Args:
-        picture: ``[H, W]`` or ``[H, W, 3]`` uint8.
-    """
-    from PIL import Image
-
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, format="PNG")
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
 def _range(low: float, high: float) -> str:

@@ -61,7 +61,7 @@ class Refocuser:
         Returns:
             ``[H, W, 3]`` uint8 RGB.
         """
-        return self._picture(_refocus, np.float32(disparity), aperture)
+        return self._picture(np.float32(disparity), aperture)
 
     def all_in_focus(self, disparity: np.ndarray, *, aperture: float | None = None) -> np.ndarray:
         """Return an image that is sharp everywhere; see :func:`occjax.ops.all_in_focus`.
@@ -73,7 +73,7 @@ class Refocuser:
         Returns:
             ``[H, W, 3]`` uint8 RGB.
         """
-        return self._picture(_all_in_focus, np.asarray(disparity, np.float32), aperture)
+        return self._picture(np.asarray(disparity, np.float32), aperture)
 
     def sweep(self, path: CameraPath = "circle") -> Iterator[np.ndarray]:
         """Yield the usable views along a closed path, which show the parallax.
@@ -88,12 +88,13 @@ class Refocuser:
         for index in sweep_path(self.light_field, path):
             yield view_picture(self.light_field.views[index])
 
-    def _picture(self, function, disparity, aperture: float | None) -> np.ndarray:
+    def _picture(self, disparity: np.ndarray | np.float32, aperture: float | None) -> np.ndarray:
         field = self.light_field
         diameter = np.float32(np.inf if aperture is None else aperture)
         usable = np.asarray(field.usable, np.float32)
         offsets = np.asarray(field.offsets, np.float32)
-        return view_picture(np.asarray(function(field.views, disparity, offsets, usable, diameter)))
+        image = _refocused(field.views, disparity, offsets, usable, diameter)
+        return view_picture(np.asarray(image))
 
 
 def sweep_path(light_field: LightField, path: CameraPath) -> list[tuple[int, int]]:
@@ -127,16 +128,9 @@ def sweep_path(light_field: LightField, path: CameraPath) -> list[tuple[int, int
 
 
 @kept
-def _refocus(views, disparity, offsets, usable, diameter):
-    from occjax.ops import aperture_weights, refocus
+def _refocused(views, disparity, offsets, usable, diameter):
+    from occjax.ops import all_in_focus, aperture_weights, refocus
 
     weights = usable * aperture_weights(offsets, diameter)
-    return refocus(views, disparity, offsets=offsets, weights=weights)
-
-
-@kept
-def _all_in_focus(views, disparity, offsets, usable, diameter):
-    from occjax.ops import all_in_focus, aperture_weights
-
-    weights = usable * aperture_weights(offsets, diameter)
-    return all_in_focus(views, disparity, offsets=offsets, weights=weights)
+    function = all_in_focus if disparity.ndim else refocus
+    return function(views, disparity, offsets=offsets, weights=weights)
