@@ -152,11 +152,8 @@ def scene_of(estimates: Sequence[Estimate], light_field: LightField | None = Non
         >>> [result.name for result in scene_of((estimate, estimate)).results]
         ['photometric (1)', 'photometric (2)']
     """
-    names = [estimate.weights or estimate.model for estimate in estimates]
-    results = tuple(
-        _viewed(name if names.count(name) == 1 else f"{name} ({index + 1})", estimate)
-        for index, (name, estimate) in enumerate(zip(names, estimates, strict=True))
-    )
+    names = _distinct([estimate.weights or estimate.model for estimate in estimates])
+    results = tuple(_viewed(*named) for named in zip(names, estimates, strict=True))
     light_field = light_field or estimates[0].light_field
     if light_field is None:
         return ViewedScene(results)
@@ -188,10 +185,14 @@ def short_names(paths: Sequence[Path]) -> list[str]:
         parts = [own[1:] for own in parts]
     while len({own[-1] for own in parts}) == 1 and min(map(len, parts)) > 1:
         parts = [own[:-1] for own in parts]
-    names = [str(Path(*own)) for own in parts]
+    return _distinct([str(Path(*own)) for own in parts])
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """Return names with a number after those that occur more than once."""
     return [
-        name if names.count(name) == 1 else f"{name} ({index + 1})"
-        for index, name in enumerate(names)
+        name if names.count(name) == 1 else f"{name} ({number})"
+        for number, name in enumerate(names, 1)
     ]
 
 

@@ -6,7 +6,7 @@ import html
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import viser
@@ -82,17 +82,18 @@ class Page:
             handle.on_update(lambda _: self.worker.submit(kind, task))
 
 
-class Panel(Protocol):
-    """A part of the page."""
+class Panel:
+    """A part of the page; by default it depends on neither the result nor the pixel."""
 
     def show_result(self) -> None:
         """Show the selected result."""
+        self.show_pixel()
 
     def show_pixel(self) -> None:
         """Show the selected pixel."""
 
 
-class CloudPanel:
+class CloudPanel(Panel):
     """The point cloud of each result, and its controls."""
 
     def __init__(self, page: Page) -> None:
@@ -246,7 +247,7 @@ class CloudPanel:
                 one.camera.look_at = self.camera.look_at
 
 
-class ViewPanel:
+class ViewPanel(Panel):
     """One view of the light field at a time."""
 
     def __init__(self, page: Page) -> None:
@@ -288,12 +289,8 @@ class ViewPanel:
         )
         page.when_changed((self.v, self.u), "view", self.show_pixel)
 
-    def show_result(self) -> None:
-        """Draw the cross where this result says that the view sees the picked point."""
-        self.show_pixel()
-
     def show_pixel(self) -> None:
-        """Show the selected view."""
+        """Show the selected view, with a cross where the result says that it sees the point."""
         self._picture.image = self._drawn()
 
     def _drawn(self) -> np.ndarray:
@@ -310,7 +307,7 @@ class ViewPanel:
         return with_cross(image, float(row), float(column))
 
 
-class RefocusPanel:
+class RefocusPanel(Panel):
     """The image of a camera with a large aperture, focused at a chosen disparity."""
 
     def __init__(self, page: Page) -> None:
@@ -360,12 +357,6 @@ class RefocusPanel:
         if not self.page.worker.superseded("refocus", self.page.config.rest_seconds):
             self._show(preview=False)
 
-    def show_result(self) -> None:
-        """Do nothing: the image does not depend on the result."""
-
-    def show_pixel(self) -> None:
-        """Do nothing: the image does not depend on the pixel."""
-
     def _show(self, *, preview: bool) -> None:
         image = self._refocuser.image(
             float(self.disparity.value), float(self.aperture.value), preview=preview
@@ -380,7 +371,7 @@ class RefocusPanel:
             set_value(self.disparity, round(float(np.clip(value, low, high)), 3))
 
 
-class PixelPanel:
+class PixelPanel(Panel):
     """The picked pixel: numbers, and what the views see there."""
 
     def __init__(self, page: Page, select: Callable[[int, int], None]) -> None:
@@ -449,12 +440,8 @@ class PixelPanel:
             )
         page.when_changed((self.line,), "epi", self._show_epi)
 
-    def show_result(self) -> None:
-        """Show the picked pixel in the selected result."""
-        self.show_pixel()
-
     def show_pixel(self) -> None:
-        """Show numbers and pictures of the picked pixel."""
+        """Show numbers and pictures of the picked pixel in the selected result."""
         y, x = self.page.selected.pixel
         self.numbers.content = pixel_text(self.page.scene, self.page.selected)
         if self._light_field is None:
@@ -490,7 +477,7 @@ class PixelPanel:
         self._cost.data = (candidates, curve.all_views, curve.best_part, spike)
 
 
-class ComparisonPanel:
+class ComparisonPanel(Panel):
     """Choice among several results: switch, blink, difference, scores."""
 
     def __init__(self, page: Page, select: Callable[[int], None]) -> None:
@@ -510,9 +497,6 @@ class ComparisonPanel:
         """Name the selected result."""
         name = self.page.scene.results[self.page.selected.result].name
         set_value(self.result, name)
-
-    def show_pixel(self) -> None:
-        """Do nothing: the scores do not depend on the pixel."""
 
 
 def set_value(control: Any, value: object) -> None:
