@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, get_type_hints
 
@@ -19,9 +20,6 @@ _KINDS: dict[str, Callable[..., Any]] = {
     for kind in vars(module).values()
     if dataclasses.is_dataclass(kind) and isinstance(kind, type)
 }
-
-LEGACY_PARAMETERS = {"params/sectors/choice/": "params/selector/"}
-"""Prefixes of the names of variables in files of earlier versions, and their present form."""
 
 
 def config_to_json(config: ModelConfig) -> str:
@@ -82,13 +80,10 @@ def convert_legacy_names(variables: Mapping[str, Any]) -> dict[str, Any]:
         >>> convert_legacy_names({"params/sectors/choice/stay": 3.0})
         {'params/selector/stay': 3.0}
     """
-    renamed = {}
-    for name, value in variables.items():
-        for before, after in LEGACY_PARAMETERS.items():
-            if name.startswith(before):
-                name = after + name.removeprefix(before)
-        renamed[name] = value
-    return renamed
+    return {
+        re.sub("^params/sectors/choice/", "params/selector/", name): value
+        for name, value in variables.items()
+    }
 
 
 def _convert_legacy(description: dict[str, Any]) -> dict[str, Any]:
