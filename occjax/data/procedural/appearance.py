@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from occjax.data.procedural.config import SceneConfig
 from occjax.data.procedural.draws import Draws
 from occjax.data.procedural.shading import Light, Materials
-from occjax.data.procedural.surfaces import Geometry, concatenate_surfaces
+from occjax.data.procedural.surfaces import Geometry
 
 
 class Space(NamedTuple):
@@ -34,7 +34,7 @@ def draw_materials(
 
     ``group`` has the index of the solid whose material each solid has.
     """
-    table = concatenate_surfaces(geometry.walls, geometry.sheets, geometry.solids)
+    table = geometry.surfaces
     count = table.slope.shape[0]
     scene, draws = draws, draws.with_shape((count,))
     texture_count = config.texture_count

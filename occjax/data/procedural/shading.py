@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from occjax.data.procedural.surfaces import (
     Geometry,
     Hits,
-    concatenate_surfaces,
+    Quadrics,
     first_hits,
     interpolate,
     take_unchecked,
@@ -155,7 +155,7 @@ def brightness(
     pattern = pattern + of(materials.detail_contrast) * detail
     albedo = jnp.clip(of(materials.tone) * (1.0 + pattern), 0.0, 1.2)
 
-    nx, ny, nz = _normals(geometry, light.relief, px, py, d, offset, index)
+    nx, ny, nz = _normals(of, geometry.surfaces, light.relief, px, py, d, offset)
     lx, ly, lz = light.lamp[0] - px, light.lamp[1] - py, light.lamp[2] - pz
     squared = lx * lx + ly * ly + lz * lz
     inverse = jax.lax.rsqrt(squared)
@@ -204,13 +204,8 @@ def _shadow_exponent(geometry: Geometry, disparity):
     return 24.0 * (disparity - lowest) / (highest - lowest)
 
 
-def _normals(geometry: Geometry, relief, px, py, d, offset, index):
+def _normals(of, table: Quadrics, relief, px, py, d, offset):
     """Return metric unit normals of the surfaces that are hit, towards the camera."""
-    table = concatenate_surfaces(geometry.walls, geometry.sheets, geometry.solids)
-
-    def of(values):
-        return take_unchecked(values, index)
-
     local = [_affine(of, table.linear[:, i], table.shift[:, i], px, py, d) for i in range(3)]
     # A point is on a face of a solid's box where a coordinate reaches half the size of the box.
     level = of(table.constant) + of(table.slope) * local[2]

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 
@@ -63,6 +64,12 @@ class Geometry(NamedTuple):
     outlines: Bool[Array, "sheets m m"]
     solids: Quadrics
     limits: Float[Array, "2"]
+
+    @property
+    def surfaces(self) -> Quadrics:
+        """All surfaces in the order of their indices."""
+        parts = zip(self.walls, self.sheets, self.solids, strict=True)
+        return Quadrics(*(jnp.concatenate(values) for values in parts))
 
 
 class Hits(NamedTuple):
@@ -124,21 +131,14 @@ def first_hits(
         found = jnp.where(enter >= leave, enter, -jnp.inf)
         return _nearer(nearest, found, index), None
 
-    wall_count, sheet_count, solid_count = (
-        part.slope.shape[0] for part in (geometry.walls, geometry.sheets, geometry.solids)
-    )
-    index = jnp.arange(wall_count + sheet_count + solid_count, dtype=jnp.int32)
-    walls, sheets, solids = jnp.split(index, [wall_count, wall_count + sheet_count])
+    parts = (geometry.walls, geometry.sheets, geometry.solids)
+    ends = np.cumsum([len(part.slope) for part in parts])
+    walls, sheets, solids = jnp.split(jnp.arange(ends[-1], dtype=jnp.int32), ends[:-1])
     nearest = Hits(jnp.full(x.shape, lowest), jnp.zeros(x.shape, jnp.int32))
     nearest, _ = jax.lax.scan(meet_wall, nearest, (geometry.walls, walls))
     nearest, _ = jax.lax.scan(meet_sheet, nearest, (geometry.sheets, geometry.outlines, sheets))
     nearest, _ = jax.lax.scan(meet_solid, nearest, (geometry.solids, solids))
     return nearest
-
-
-def concatenate_surfaces(*parts: Quadrics) -> Quadrics:
-    """Concatenate lists of surfaces."""
-    return Quadrics(*(jnp.concatenate(values) for values in zip(*parts, strict=True)))
 
 
 def interpolate(
