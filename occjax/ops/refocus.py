@@ -6,6 +6,8 @@ if the brightness of highlights matters.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -94,7 +96,7 @@ def refocus(
         >>> bool(jnp.allclose(sharp[:, 2:-2], views[0, 1, :, 2:-2]))
         True
     """
-    views, flat = _flattened(views, offsets, weights)
+    views = as_images(views, "v u h w c")
     (disparity,) = as_coordinates(disparity)
     h, w, _ = views.shape[2:]
     rows, columns = (jnp.arange(size, dtype=disparity.dtype)[:, None] for size in (h, w))
@@ -103,7 +105,7 @@ def refocus(
         y, x = project(rows, columns.T, disparity, offset)
         return shift(view, disparity, offset), _coverage(y, h) * _coverage(x, w)
 
-    return _mean(add, views, flat)
+    return _mean(add, views, offsets, weights)
 
 
 def all_in_focus(
@@ -138,7 +140,7 @@ def all_in_focus(
         >>> float(image.std()) < 0.003
         True
     """
-    views, flat = _flattened(views, offsets, weights)
+    views = as_images(views, "v u h w c")
     (disparity,) = as_coordinates(disparity)
     h, w, _ = views.shape[2:]
     if disparity.shape != (h, w):
@@ -155,24 +157,21 @@ def all_in_focus(
         seen = agreement * _coverage(y, h) * _coverage(x, w)
         return warped * seen[..., None].astype(warped.dtype), seen
 
-    return _mean(add, views, flat)
+    return _mean(add, views, offsets, weights)
 
 
-def _flattened(views: ArrayLike, offsets: ArrayLike | None, weights: ArrayLike | None):
-    """Check the shapes; return the views, and views, offsets and weights row by row."""
-    views = as_images(views, "v u h w c")
-    v, u = views.shape[:2]
+def _mean(
+    add: Callable[[Array, Array], tuple[Array, Array]],
+    views: Float[Array, "v u h w c"],
+    offsets: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Float[Array, "h w c"]:
+    """Return the weighted mean over the views of the images and weights that ``add`` returns."""
+    v, u, h, w, c = views.shape
     offsets = as_offsets(offsets, (v, u))
     weights = jnp.ones((v, u), offsets.dtype) if weights is None else jnp.asarray(weights)
     if weights.shape != (v, u):
         raise InputError(f"weights must be {[v, u]}, not {list(weights.shape)}")
-    flat = (views.reshape(v * u, *views.shape[2:]), offsets.reshape(-1, 2), weights.reshape(-1))
-    return views, flat
-
-
-def _mean(add, views: Float[Array, "v u h w c"], flat) -> Float[Array, "h w c"]:
-    """Return the weighted mean over the views of the images and weights that ``add`` returns."""
-    h, w, c = views.shape[2:]
     dtype = accumulation_dtype(views)
 
     def step(sums, inputs):
@@ -182,6 +181,7 @@ def _mean(add, views: Float[Array, "v u h w c"], flat) -> Float[Array, "h w c"]:
         return (sums[0] + weight * image.astype(dtype), sums[1] + weight * seen), None
 
     start = jnp.zeros((h, w, c), dtype), jnp.zeros((h, w), dtype)
+    flat = (views.reshape(v * u, h, w, c), offsets.reshape(-1, 2), weights.reshape(-1))
     (total, weight), _ = jax.lax.scan(step, start, flat)
     seen = (weight > 0.0)[..., None]
     mean = jnp.where(seen, total, 0.0) / jnp.where(seen, weight[..., None], 1.0)
