@@ -127,11 +127,9 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
     for name, score in sorted(report.scores.items(), key=lambda item: item[1]):
         lines.append(f"    {255 * score:7.3f} / 255  {name}{' *' * (name == report.best.name)}")
     lines.append("")
-    correct = declared.then(report.best)
-    if report.disorder == "serpentine":
-        lines.append("view order: every second row runs backwards; pass --order serpentine")
-    elif report.disorder == "grid":
-        lines.append("view order: unknown, the grid or the order of the views is probably wrong")
+    correct, notes = declared.then(report.best), list(report.position_notes)
+    if report.disorder in ("serpentine", "grid"):
+        lines.append(f"view order: {notes.pop(0)}")
     elif report.clearly_worse:
         flip = f" --flip {correct.flip}" if correct.flip else ""
         lines.append(f"view order: {report.best.name}; pass --order {correct.order}{flip}")
@@ -152,7 +150,7 @@ def format_report(report: ViewOrderReport, declared: Orientation) -> str:
             "  too few occlusions to determine the sign of disparity: with rows and columns\n"
             "  flipped in addition, the views would be equally consistent"
         )
-    lines += [f"views: {note}" for note in report.position_notes]
+    lines += [f"views: {note}" for note in notes]
     low, high = report.disparity_range
     measured = report.measured_fraction
     source = f"from {measured:.0%} of the pixels" if measured else "not measurable, default range"

@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -397,9 +398,9 @@ def test_a_wrong_grid_causes_a_warning(tmp_path, grid):
     with pytest.warns(ViewOrderWarning, match="the grid or the order of the views is probably wr"):
         light_field = load(path)
     text = format_report(check(light_field), DECLARED)
-    assert "view order: unknown, the grid" in text
+    assert re.search(r"view order: \d+ of 24 views are nearer to another place", text)
     assert "view order: as declared" not in text
-    assert "pass grid (--grid V U)" in text
+    assert text.count("pass grid (--grid V U)") == 1
 
 
 def test_inexact_positions_and_shifts_of_all_views_are_no_wrong_grid():
