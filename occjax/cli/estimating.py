@@ -184,7 +184,7 @@ def demo_command(
         from occjax.viewer.opening import check_viser
 
         check_viser()
-    from occjax.cli.running import command_line, show_phase
+    from occjax.cli.running import command_line, phase_reporter
     from occjax.cli.scenes import result_text
     from occjax.data.bundled_sample import sample
     from occjax.estimators import make_estimator, run_estimator
@@ -200,7 +200,7 @@ def demo_command(
         make_estimator(),
         light_field,
         occlusion=True,
-        report_phase=show_phase(None, light_field.name),
+        report_phase=phase_reporter(None, light_field.name),
     )
     options = output_options("all", None)
     outputs = write_outputs(estimate, light_field, output, options, command=command_line())

@@ -17,7 +17,7 @@ class Command(NamedTuple):
     """A command of the command line.
 
     Attributes:
-        group: What it is for; the help on all commands has a paragraph for each group.
+        group: Heading under which the help on all commands lists it.
         module: Module that defines it, in a function of its name with ``_command`` appended.
         summary: Its line in the help on all commands.
     """
@@ -31,12 +31,12 @@ COMMANDS = {
     "estimate": Command("Estimate", "estimating", "Estimate disparity maps."),
     "demo": Command("Estimate", "estimating", "Estimate the bundled sample."),
     "view": Command("Look", "viewing", "Look at results in the browser."),
-    "report": Command("Look", "reporting", "Write one page on results."),
+    "report": Command("Look", "reporting", "Write an HTML page on results."),
     "refocus": Command("Look", "refocusing", "Change the focus or the aperture."),
     "sweep": Command("Look", "refocusing", "Write a video through the views."),
     "check": Command("Measure", "measuring", "Measure view order and disparity range."),
     "evaluate": Command("Measure", "measuring", "Compare with the ground truth."),
-    "convert": Command("Convert", "converting", "Convert maps: depth, points, formats."),
+    "convert": Command("Convert", "converting", "Convert maps to depth, points or other formats."),
     "pool": Command("Train", "pooling", "Render procedural light fields."),
     "train": Command("Train", "training", "Train a network, or resume its training."),
     "weights": Command("Set up", "weights", "List or download weights."),
@@ -50,7 +50,8 @@ SHELLS = ("bash", "zsh")
 def main() -> None:
     """Run the command line and exit with its code."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a name that the terminal cannot show is no failure
+        if hasattr(stream, "reconfigure"):
+            # File names may contain characters that the terminal cannot encode; they are escaped.
             stream.reconfigure(errors="backslashreplace")
     arguments = sys.argv[1:]
     if arguments in (["--version"], ["-V"]):
@@ -61,7 +62,7 @@ def main() -> None:
     try:
         exit_with(lambda: _run(arguments))
     finally:
-        # Python would search the objects of all imported packages for cycles, for 0.5 s.
+        # At exit, Python would search all objects for reference cycles, which takes 0.5 s.
         gc.freeze()
 
 
@@ -114,7 +115,7 @@ def _print_completion(arguments: list[str]) -> int:
 
 
 def _function(name: str, arguments: list[str]) -> Callable[..., int]:
-    """Import the function of a command; that of training reads the arguments for its defaults."""
+    """Import the function of a command; for ``train``, with the defaults of recipe and model."""
     module = importlib.import_module(f"occjax.cli.{COMMANDS[name].module}")
     function = getattr(module, f"{name}_command")
     return function(arguments) if name == "train" else function

@@ -25,7 +25,7 @@ from typing import Generic, NoReturn, TypeVar
 import jax
 from tqdm import tqdm
 
-from occjax.cli.running import show_phase
+from occjax.cli.running import phase_reporter
 from occjax.errors import InputError
 from occjax.estimators.driver import ReportPhase
 from occjax.io.atomic import CannotWriteError
@@ -118,7 +118,7 @@ class Pipelines(Generic[_Loaded, _Result]):
             upcoming = first, reading_thread.submit(read_here, first)
             while upcoming is not None and not self._stopped.is_set():
                 scene, reading = upcoming
-                report_phase = show_phase(self._progress, self.names[scene])
+                report_phase = phase_reporter(self._progress, self.names[scene])
                 result: _Result | Exception
                 try:
                     report_phase("reading")

@@ -38,10 +38,10 @@ def exit_with(command: Callable[[], int]) -> NoReturn:
             code = 2
         except BrokenPipeError:  # the reader of the output, such as head, has closed the pipe
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = 141
+            code = 141  # 128 + SIGPIPE, as shells report it
         except KeyboardInterrupt:
             print("occjax: interrupted", file=sys.stderr)
-            code = 130
+            code = 130  # 128 + SIGINT
         sys.exit(code)
 
 
@@ -81,11 +81,15 @@ def collect_warnings() -> Iterator[list[str]]:
         del _collected.messages
 
 
-def show_phase(progress: tqdm | None, name: str) -> Callable[[str], None]:
-    """Return a function that shows the current phase on the progress bar or on its own line.
+def phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
+    """Return a function that shows the current phase of the computation.
 
-    On a terminal the line is replaced by that of the next phase; in a pipe or a file each phase
-    adds a line.
+    It is shown on the progress bar if there is one. Otherwise a terminal has one line, which the
+    next phase overwrites, and a pipe or file gets a line for each phase.
+
+    Args:
+        progress: Progress bar, or None.
+        name: Name of the scene.
     """
 
     def show(phase: str) -> None:
@@ -95,7 +99,7 @@ def show_phase(progress: tqdm | None, name: str) -> Callable[[str], None]:
             print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
             if phase in ("writing", "failed"):
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
-        elif phase != "failed":  # the message of the error says so
+        elif phase != "failed":  # the error message reports the failure
             print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return show

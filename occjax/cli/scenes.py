@@ -22,7 +22,7 @@ from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, estimate_all_views, run_estimator
 from occjax.estimators.driver import ReportPhase, with_report
 from occjax.estimators.protocol import DisparityRange
-from occjax.io.atomic import remove_remains
+from occjax.io.atomic import remove_leftovers
 from occjax.io.naming.patterns import is_in_subfolders
 from occjax.lightfield import LightField
 from occjax.results.outputs import OutputOptions, Outputs, write_outputs
@@ -116,11 +116,11 @@ def estimate_scenes(scenes: tuple[Path, ...], run: EstimateRun) -> int:
         return complete_summary(folder / names[scene], settings(scene))
 
     # Killed processes leave temporary files.
-    remove_remains(folder)
+    remove_leftovers(folder)
     index, count = run.share
     own = list(names)[index::count]
     for scene in own:
-        remove_remains(folder / names[scene])
+        remove_leftovers(folder / names[scene])
     pending = [scene for scene in own if run.overwrite or stored_summary(scene) is None]
     if skipped := len(own) - len(pending):
         what = names[own[0]] if len(names) == 1 else f"{skipped} of {len(own)} scenes"

@@ -19,7 +19,14 @@ from occjax.evaluation.scene_files import is_scene
 from occjax.io.config import ReadingConfig
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.hci_config import GROUND_TRUTH
-from occjax.io.maps import MAP_FILE, RESULTS, changed_maps, map_of_results, read_map, view_of_map
+from occjax.io.maps import (
+    MAP_FILE,
+    RESULTS,
+    flipped_and_negated_maps,
+    map_of_results,
+    read_map,
+    view_of_map,
+)
 from occjax.lightfield import view_name
 
 
@@ -30,14 +37,14 @@ def evaluate_files(
     thresholds: tuple[float, ...] = THRESHOLDS,
     border: int | None = None,
 ) -> Metrics:
-    """Compute all measures of the paper's tables for two files.
+    """Compute the metrics of an estimated disparity map; both maps are read from files.
 
     Args:
         estimate_path: Estimated disparity ``[H, W]``, pixels per view step: a PFM, NPY or PNG file
             (:func:`occjax.io.read_map`), or a folder of results.
-        ground_truth_path: True disparity ``[H, W]``: such a file, a folder of results, the folder
-            of a scene with ``gt_disp_lowres.pfm``, or an HDF5 file of a scene with ``GT_DEPTH``
-            (:func:`occjax.io.containers.read_container`).
+        ground_truth_path: True disparity ``[H, W]``: a PFM, NPY or PNG file, a folder of results,
+            the folder of a scene with ``gt_disp_lowres.pfm``, or an HDF5 file of a scene with
+            ``GT_DEPTH`` (:func:`occjax.io.containers.read_container`).
         thresholds: Thresholds of BadPix, pixels per view step.
         border: Pixels left out on each side of the image; by default
             :func:`occjax.evaluation.default_border`.
@@ -50,8 +57,8 @@ def evaluate_files(
             for instance because they belong to different views; the message names the files.
 
     Warns:
-        UserWarning: If one of the maps is upside down, mirrored or has the opposite sign, or both
-            are the same.
+        UserWarning: If the maps agree better after one of them is flipped or negated, or if they
+            are identical.
 
     Example:
         >>> import tempfile
@@ -72,10 +79,13 @@ def evaluate_files(
     ground_truth = _read_ground_truth(ground_truth_path)
     if np.array_equal(estimate, ground_truth, equal_nan=True):
         warnings.warn(
-            f"{estimate_path} and {ground_truth_path} are the same map; the errors are 0",
+            f"{estimate_path} and {ground_truth_path} are identical, so all errors are 0; "
+            "check the paths",
             stacklevel=2,
         )
-    _warn_of_a_changed_map(f"{estimate_path} against {ground_truth_path}", estimate, ground_truth)
+    _warn_if_flipped_or_negated(
+        f"{estimate_path} against {ground_truth_path}", estimate, ground_truth
+    )
     border = default_border(ground_truth.shape) if border is None else border
     try:
         return evaluate(estimate, ground_truth, thresholds=thresholds, border=border)
@@ -97,31 +107,31 @@ def check_same_view(estimate: Path, ground_truth: Path) -> None:
     """Raise an :class:`InputError` if two maps are known to belong to different views.
 
     Args:
-        estimate: A map of disparity or a folder of results.
-        ground_truth: The same, or the ground truth of a scene, which is that of the centre view:
-            ``gt_disp_lowres.pfm`` or an HDF5 file.
+        estimate: File of a disparity map, or folder of results.
+        ground_truth: The same, or the ground truth of a scene (``gt_disp_lowres.pfm`` or an HDF5
+            file), which always belongs to the centre view.
     """
     estimated, true = view_of_map(estimate), view_of_map(ground_truth)
     if ground_truth.name == GROUND_TRUTH or ground_truth.suffix.lower() in CONTAINER_SUFFIXES:
         true = view_name(None)
     if None not in (estimated, true) and estimated != true:
         raise InputError(
-            f"{estimate}: is of the {estimated}, but {ground_truth} is of the {true}; pass maps of "
-            "one view"
+            f"{estimate}: shows the {estimated}, but {ground_truth} shows the {true}; pass two "
+            "maps of the same view"
         )
 
 
-def _warn_of_a_changed_map(
+def _warn_if_flipped_or_negated(
     names: str,
     estimate: np.ndarray,
     ground_truth: np.ndarray,
     config: ReadingConfig = ReadingConfig(),
 ) -> None:
-    """Warn if the maps agree much better with one of them reversed or negated."""
+    """Warn if the maps agree much better after one of them is flipped or negated."""
     if estimate.shape != ground_truth.shape:
         return
     unchanged = ""
-    readings = {unchanged: ground_truth, **changed_maps(ground_truth)}
+    readings = {unchanged: ground_truth, **flipped_and_negated_maps(ground_truth)}
     errors = {words: np.abs(estimate - truth) for words, truth in readings.items()}
     errors = {words: error[np.isfinite(error)] for words, error in errors.items()}
     medians = {words: float(np.median(error)) for words, error in errors.items() if error.size}
@@ -131,7 +141,7 @@ def _warn_of_a_changed_map(
     median, changed = medians[unchanged], medians[best]
     if median > BAD_PIXEL_THRESHOLD and changed < config.max_changed_error_ratio * median:
         warnings.warn(
-            f"{names}: the maps agree better if the {best} of one of them (median error "
+            f"{names}: the maps agree better if in one of them the {best} (median error "
             f"{changed:.3g} instead of {median:.3g}); correct the map that is wrong",
             stacklevel=3,
         )
@@ -148,7 +158,8 @@ def read_disparity(path: Path | str) -> np.ndarray:
         ``[H, W]`` floating point, pixels per view step.
 
     Raises:
-        InputError: If the file does not contain one map of real numbers, or implausible ones.
+        InputError: If the file does not contain one map of real numbers, or if these are too large
+            for disparities.
 
     Example:
         >>> import tempfile
@@ -164,9 +175,9 @@ def read_disparity(path: Path | str) -> np.ndarray:
         )
     values = read_map(path, quantity="disparity").values
     largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
-    # Beyond one side of the map no point is seen in two neighbouring views. The factor of ten lets
-    # the outliers of an estimate pass; a smaller one would refuse them, a larger one would accept
-    # more byte-swapped files and other units.
+    # A disparity larger than the sides of the map moves every point out of the neighbouring view.
+    # The factor of ten leaves room for outliers of an estimate, but none for byte-swapped files and
+    # other units.
     if largest > 10.0 * max(values.shape):
         raise InputError(
             f"{path}: disparities reach {largest:.4g} pixels per view step in a map of "

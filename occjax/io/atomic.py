@@ -2,8 +2,8 @@
 
 A writer fills a temporary file or folder next to the final one, which is renamed at the end. An
 error, a full disk or an interrupted run leaves no incomplete result. A killed process leaves its
-temporary files; their names contain machine and process, by which :func:`remove_remains` removes
-them.
+temporary files. Their names contain machine and process, so that :func:`remove_leftovers` can
+recognise and remove them.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ def atomic_folder(
     """Write a folder of files atomically.
 
     Args:
-        path: Folder to write. If it exists, the new files replace those of the same name, one by
-            one, after all of them are complete and no folder has one of their names. Other files
-            in it are kept, since they may be the user's.
+        path: Folder to write. If it exists, the new files replace files of the same name, one by
+            one, once all of them are written. Other files in it are kept, since they may be the
+            user's.
         owned: Relative paths of files that belong to the writer: those that the body does not write
-            are remains of an earlier run and are removed.
+            are left over from an earlier run and are removed.
         marker: Name of a file whose presence shows that all files belong together: in an existing
             folder it is removed before the first file is replaced, and is the last one to appear.
 
@@ -128,7 +128,8 @@ def atomic_folder(
 def check_writable(folder: str | Path) -> None:
     """Verify that a folder can be written, before a long computation whose results go there.
 
-    The test creates what is missing within a temporary folder, and removes it again.
+    The test creates a temporary folder in the nearest existing parent, with the missing folders in
+    it, and removes it.
 
     Args:
         folder: A folder, which may not exist yet.
@@ -164,22 +165,22 @@ def check_writable(folder: str | Path) -> None:
         raise CannotWriteError(folder, _reason(error)) from error
 
 
-def remove_remains(folder: str | Path) -> list[Path]:
+def remove_leftovers(folder: str | Path) -> list[Path]:
     """Remove temporary files and folders that killed processes have left in a folder.
 
-    Those of a running process are kept. Whether a process of another machine still runs cannot be
-    known, so what it made is removed only if it is older than a day.
+    Files of a running process are kept. This machine cannot tell whether a process on another
+    machine still runs; files of other machines are removed if they are older than a day.
 
     Args:
         folder: Folder in which files or folders were written; it may be missing. Folders in it are
             not searched.
 
     Returns:
-        What was removed.
+        Paths of the removed files and folders.
 
     Example:
         >>> import tempfile
-        >>> remove_remains(tempfile.mkdtemp())
+        >>> remove_leftovers(tempfile.mkdtemp())
         []
     """
     removed = []
@@ -197,14 +198,14 @@ def remove_remains(folder: str | Path) -> list[Path]:
 
 
 def _is_abandoned(entry: os.DirEntry, machine: str, pid: int) -> bool:
-    """Return whether the process that made a temporary file has ended."""
+    """Return whether the process of a temporary file has ended; elsewhere, whether it is old."""
     if machine != _machine():
         return time.time() - entry.stat(follow_symlinks=False).st_mtime > 24 * 3600.0
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return True
-    except OSError:  # a process of another user
+    except OSError:  # the process exists and belongs to another user
         return False
     return False
 
@@ -220,7 +221,7 @@ def _temporary_path(path: Path) -> Path:
 
 @functools.cache
 def _machine() -> str:
-    """Return a name of the machine, or container, within which process numbers are unique."""
+    """Return a name of the machine, or container, within which process ids are unique."""
     processes = ""
     with suppress(OSError):
         processes = os.readlink("/proc/self/ns/pid")
@@ -230,7 +231,7 @@ def _machine() -> str:
 def _move_into_place(
     temporary: Path, path: Path, owned: Collection[str], marker: str | None
 ) -> None:
-    """Rename the folder, or if the final one exists, its files."""
+    """Rename the folder to ``path``; if that exists, move the files one by one, the marker last."""
     if not path.exists():
         os.replace(temporary, path)
         return
@@ -259,8 +260,8 @@ def _writing(path: Path, temporary: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        # The body may also read other files, whose errors are not about this path. The error of a
-        # full disk has no file name.
+        # The body may also read other files; their errors are not changed. The error of a full disk
+        # has no file name.
         if error.filename is not None:
             failed = Path(error.filename)
             if not (temporary.is_relative_to(failed) or failed.is_relative_to(temporary)):

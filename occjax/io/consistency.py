@@ -1,4 +1,4 @@
-"""Choice among readings of the views, or of the ground truth, by photo-consistency."""
+"""Choice between interpretations of the views, or of the ground truth, by photo-consistency."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float
 
 from occjax.io.config import ReadingConfig
-from occjax.io.maps import changed_maps
+from occjax.io.maps import flipped_and_negated_maps
 from occjax.layout import ViewOrderConfig
 from occjax.layout.report import view_order_scores
 from occjax.lightfield import LightField, centre_index, project, to_grey
@@ -17,13 +17,13 @@ from occjax.programs import kept
 
 
 def most_consistent(candidates: Sequence[np.ndarray]) -> int:
-    """Return which of several readings of the same views is the most consistent one.
+    """Return the index of the most photo-consistent arrangement of the same views.
 
     Args:
-        candidates: Views ``[V, U, H, W, C]`` in each reading.
+        candidates: Views ``[V, U, H, W, C]`` in each arrangement.
 
     Returns:
-        Index of the best reading; 0 unless another one is better by the factor
+        Index of the best arrangement; 0 unless another one is better by the factor
         ``clearly_worse_ratio`` of the default settings.
 
     Example:
@@ -38,34 +38,37 @@ def most_consistent(candidates: Sequence[np.ndarray]) -> int:
     return best if scores[0] > config.clearly_worse_ratio * scores[best] else 0
 
 
-def truth_fault(light_field: LightField) -> str | None:
-    """Return how the ground truth must be changed to agree with the views.
+def ground_truth_mismatch(light_field: LightField) -> str | None:
+    """Return what is wrong with the orientation or the sign of the ground truth.
 
     Args:
         light_field: Views with ground truth; at least two views.
 
     Returns:
-        Words for a message; None if the truth agrees best as it is.
+        A description such as ``"its rows are reversed"``; None if the truth fits the views best
+        unchanged.
 
     Example:
         >>> y, x = np.mgrid[:40, :40]
         >>> disparity = np.where(y < 16, 2, 0).astype(np.float32)
         >>> wall = np.random.default_rng(0).random((40, 40, 1))
         >>> views = np.stack([wall, wall[y, (x - disparity.astype(int)) % 40]])[None]
-        >>> truth_fault(LightField(views[:, ::-1], ground_truth=disparity[::-1]))
+        >>> ground_truth_mismatch(LightField(views[:, ::-1], ground_truth=disparity[::-1]))
         'its rows are reversed'
     """
     truth = light_field.ground_truth
     assert truth is not None
     readings: dict[str | None, np.ndarray] = {None: truth}
-    readings |= {f"its {words}": changed for words, changed in changed_maps(truth).items()}
+    readings |= {
+        f"its {words}": changed for words, changed in flipped_and_negated_maps(truth).items()
+    }
     differences = {words: _truth_difference(light_field, d) for words, d in readings.items()}
     best = min(differences, key=differences.__getitem__)
     return best if differences[None] > ReadingConfig().min_truth_ratio * differences[best] else None
 
 
 def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
-    """Return the mean grey difference of the centre view from its neighbours at a disparity."""
+    """Return the mean grey difference between the centre view and its warped neighbours."""
     (rows, columns), (h, w) = light_field.grid, light_field.image_size
     v0, u0 = centre_index(light_field.grid)
     offsets = light_field.offsets
@@ -75,15 +78,15 @@ def _truth_difference(light_field: LightField, disparity: np.ndarray) -> float:
     differences = []
     for v, u in ((v0 - 1, u0), (v0 + 1, u0), (v0, u0 - 1), (v0, u0 + 1)):
         if 0 <= v < rows and 0 <= u < columns:
-            places = np.asarray(project(y, x, np.nan_to_num(d), offsets[v, u]), np.float32)
-            shown = np.asarray(_sampled(to_grey(light_field.views[v, u]), places))
-            differences.append(np.abs(shown - centre)[np.isfinite(d)].mean())
+            positions = np.asarray(project(y, x, np.nan_to_num(d), offsets[v, u]), np.float32)
+            warped = np.asarray(_sample_bilinear(to_grey(light_field.views[v, u]), positions))
+            differences.append(np.abs(warped - centre)[np.isfinite(d)].mean())
     return float(np.mean(differences))
 
 
 @kept
-def _sampled(
-    image: Float[Array, "h w"], places: Float[Array, "2 rows columns"]
+def _sample_bilinear(
+    image: Float[Array, "h w"], positions: Float[Array, "2 rows columns"]
 ) -> Float[Array, "rows columns"]:
-    """Return an image at places ``(y, x)``, interpolated linearly; borders replicated."""
-    return map_coordinates(image, list(places), order=1, mode="nearest")
+    """Sample an image bilinearly at positions ``(y, x)``; borders replicated."""
+    return map_coordinates(image, list(positions), order=1, mode="nearest")

@@ -85,6 +85,7 @@ def read_folder(
         named, positions = read_positions(folder, named)
     views, present = _read_views(folder, named, progress)
     if (other := named.other_grid) and positions is None:
+        # The names fit two grids, such as 1x16 and 4x4, with the views in the same order.
         line = views.reshape(-1, *views.shape[2:])
         best = best_reading(line, [places(named.grid), places(other)])
         if best.number == 1 and best.clear:
@@ -120,7 +121,7 @@ def read_folder(
 
 
 def _file_names(folder: Path, *, nested: bool) -> list[str]:
-    """Return the relative paths of the visible files in a folder, or anywhere below it."""
+    """Return the relative paths of the visible files in a folder; nested, also in subfolders."""
     with reading(folder):
         if nested:
             below = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
@@ -166,19 +167,19 @@ def _read_config(folder: Path) -> HciConfig | None:
 def _read_views(
     folder: Path, named: NamedViews, progress: Progress | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Read ``[V, U, H, W, C]`` views; return them with the mask ``[V, U]`` of those that are there.
+    """Return views ``[V, U, H, W, C]`` and the mask ``[V, U]`` of those that could be read.
 
-    They are read in threads, since decoders release the interpreter's lock. Images that cannot be
+    Images are read in threads, since decoders release the GIL. Images that cannot be
     decoded, or are of another size or type than the centre view, count as missing. The pixels of
     missing views are zero.
     """
     paths = {index: folder / match.string for index, match in sorted(named.matches.items())}
-    reference = _decodable(paths, centre_index(named.grid))
+    reference = _read_reference_view(paths, centre_index(named.grid))
     ReadLimits.current().check_bytes(folder, math.prod(named.grid) * reference.nbytes)
     views = np.zeros((*named.grid, *reference.shape), reference.dtype)
     present = np.zeros(named.grid, bool)
     broken: list[InputError] = []
-    formats: dict[Path, str] = {}  # of the images of another size or type
+    formats: dict[Path, str] = {}  # format of each image that differs from the reference
 
     def read(path: Path) -> np.ndarray | InputError:
         try:
@@ -212,7 +213,7 @@ def _read_views(
             f"crop, convert or remove those that differ from the centre view ({names})"
         )
     if len(broken) > max_unusable:
-        raise broken[0]
+        raise InputError(f"{broken[0]} ({len(broken)} of {len(paths)} images are damaged)")
     problems = [str(error) for error in broken]
     problems += [f"{path}: is {kind}, not {usual}" for path, kind in formats.items()]
     for problem in problems:
@@ -220,8 +221,8 @@ def _read_views(
     return check_views(folder, tone_mapped(folder, views)), present
 
 
-def _decodable(paths: dict[tuple[int, int], Path], centre: tuple[int, int]) -> np.ndarray:
-    """Return the centre view, or the first other one if it is missing or cannot be decoded."""
+def _read_reference_view(paths: dict[tuple[int, int], Path], centre: tuple[int, int]) -> np.ndarray:
+    """Return the centre view; if it is missing or damaged, the first view that can be decoded."""
     first: InputError | None = None
     for path in sorted(paths.values(), key=lambda path: path != paths.get(centre)):
         try:

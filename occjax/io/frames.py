@@ -1,4 +1,4 @@
-"""Folders that hold several frames of numbered cameras, which look like a grid by their names."""
+"""Detection of video frames of a camera array, whose file names look like one grid of views."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from occjax.layout.readings import best_reading, places
 from occjax.lightfield import LightField, view_offsets
 
 
-def check_frames(
+def refuse_video_frames(
     stored: LightField,
     files: ViewFiles,
     order: Orientation,
@@ -22,11 +22,11 @@ def check_frames(
     *,
     declared: bool,
 ) -> None:
-    """Refuse several frames of numbered cameras, which look like a grid by their names.
+    """Raise an error if the views are several frames of a camera array, not one grid of views.
 
-    The first or the second number of the names may be that of the frame. Frames are as consistent
-    in the reverse order. So if views are clearly more consistent in one view order than in all
-    others, they are a grid and need no comparison.
+    The two numbers in a file name may be row and column, or frame and camera. Reversing the order
+    of the frames does not change the photo-consistency. So if one view order is clearly the most
+    consistent, the views are a grid, and nothing else is tested.
 
     Args:
         stored: The views as stored.
@@ -39,7 +39,7 @@ def check_frames(
         InputError: If the views are frames.
 
     Warns:
-        GridWarning: If the frames explain the images as well as the grid, unless ``declared``.
+        GridWarning: If frames and grid are about equally photo-consistent, unless ``declared``.
     """
     sample = next(iter(files.named.matches.values()))
     if report.conclusive or "i" in sample.groupdict() or min(stored.grid) < 2:
@@ -52,38 +52,38 @@ def check_frames(
         frames, *arrays = (
             array.swapaxes(0, axis) for array in (stored.views, files.present, grid_offsets)
         )
-        cameras, clear = _grid_of_frames(frames, *arrays)
+        cameras, clear = _camera_grid_of_frames(frames, *arrays)
         if cameras is None or (declared and not clear):
             continue
         name = f"{sample.string[: sample.start(camera)]}{{i}}{sample.string[sample.end(camera) :]}"
         v, u = cameras
         reading = f"{len(frames)} frames of {v}x{u} views"
-        one = f"pattern of one (--pattern {name!r}{'' if v == u else f' --grid {v} {u}'})"
+        one = f"pattern (--pattern {name!r}{'' if v == u else f' --grid {v} {u}'})"
         if clear:
             raise InputError(
-                f"{files.folder}: has {reading} by photo-consistency; pass the {one}, or {option} "
-                "if not"
+                f"{files.folder}: has {reading}, judged by photo-consistency; to read one frame, "
+                f"pass {one}; to read all files as one light field, pass {option}"
             )
         warnings.warn(
-            f"{files.folder}: read as one {rows}x{columns} grid, but {reading} explain the images "
-            f"about as well; if they are frames, pass the {one}; if not, pass {option}",
+            f"{files.folder}: read as one {rows}x{columns} grid, but {reading} are about as "
+            f"photo-consistent; to read one frame, pass {one}; to confirm the grid, pass {option}",
             GridWarning,
             stacklevel=4,
         )
 
 
 def _stored_offsets(grid: tuple[int, int], order: Orientation) -> np.ndarray:
-    """Return the ``[V, U, 2]`` offsets of the views as stored, if this is their view order."""
+    """Return the ``[V, U, 2]`` offsets of the stored views when ``order`` is their view order."""
     numbers = order.lay_out(np.arange(grid[0] * grid[1]).reshape(grid))
     offsets = np.empty((numbers.size, 2), np.float32)
     offsets[numbers] = view_offsets(*numbers.shape)
     return offsets.reshape(*grid, 2)
 
 
-def _grid_of_frames(
+def _camera_grid_of_frames(
     frames: np.ndarray, present: np.ndarray, offsets: np.ndarray
 ) -> tuple[tuple[int, int] | None, bool]:
-    """Return the grid of the cameras of a frame if the views may be frames, and if that is clear.
+    """Test whether the views are video frames, and return the grid of the cameras.
 
     Args:
         frames: ``[F, N, H, W, C]`` views: the rows, or the columns, of the grid in the names.
@@ -91,15 +91,16 @@ def _grid_of_frames(
         offsets: ``[F, N, 2]`` offsets of the views in the grid in the names.
 
     Returns:
-        The grid of the N cameras; None if the views are those of the grid in the names.
+        The grid of the N cameras, or None if the views are the grid in the names; and whether the
+        frames are clearly more consistent than that grid.
     """
     count, cameras = present.shape
     middle = slice(max(0, count // 2 - 1), count // 2 + 1)
     grids = [(v, cameras // v) for v in range(2, cameras // 2 + 1) if cameras % v == 0]
     grids.sort(key=lambda grid: abs(grid[0] - grid[1]), reverse=True)
     if grids and present[middle].all():
-        # Two frames must agree, so that one swapped view does not decide. The middle ones are the
-        # least vignetted.
+        # Both middle frames must agree, so that one swapped view cannot decide. If the views are a
+        # grid, its middle rows have the least vignetting.
         readings = [offsets[count // 2], *map(places, grids)]
         found = [best_reading(frame, readings) for frame in frames[middle]]
         if all(best.number > 0 or best.alike for best in found):
@@ -109,8 +110,9 @@ def _grid_of_frames(
     if present[near_centre].all():
         views = frames[near_centre].reshape(-1, *frames.shape[2:])
         grid = offsets[near_centre].reshape(-1, 2)
-        still = grid * (np.ptp(offsets[0], axis=0) > 0)  # cameras that do not move between frames
-        best = best_reading(views, [grid, still])
+        # A row of cameras that are in the same places in all frames.
+        static = grid * (np.ptp(offsets[0], axis=0) > 0)
+        best = best_reading(views, [grid, static])
         if best.number == 1:
             return (1, cameras), best.clear
     return None, False

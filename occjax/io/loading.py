@@ -12,11 +12,11 @@ import numpy as np
 
 from occjax.errors import InputError, check_one_of, check_whole_pair
 from occjax.io.arrays import read_arrays
-from occjax.io.consistency import truth_fault
+from occjax.io.consistency import ground_truth_mismatch
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
 from occjax.io.files import reading
 from occjax.io.folders import Progress, read_folder
-from occjax.io.frames import check_frames
+from occjax.io.frames import refuse_video_frames
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import (
     IMAGE_SUFFIXES,
@@ -159,12 +159,12 @@ def load(
         from_names = grid is None and order != "serpentine" and stored.calibration is None
         if files is not None and from_names and stored.positions is None:
             names_declared = layout is not None or pattern is not None
-            check_frames(stored, files, declared, report, declared=names_declared)
+            refuse_video_frames(stored, files, declared, report, declared=names_declared)
         _warn_of_view_order(path, light_field, declared, report)
         light_field = dataclasses.replace(light_field, view_order_report=report)
         truth = light_field.ground_truth
         has_truth = truth is not None and bool(np.isfinite(truth).any())
-        if has_truth and not report.clearly_worse and (fault := truth_fault(light_field)):
+        if has_truth and not report.clearly_worse and (fault := ground_truth_mismatch(light_field)):
             warnings.warn(
                 f"{path}: the ground truth agrees with the views if {fault}; correct its file",
                 ViewOrderWarning,

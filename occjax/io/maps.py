@@ -232,11 +232,11 @@ def write_normals(path: str | Path, normals: np.ndarray) -> None:
         Image.fromarray(np.clip(levels, 0, 255).astype(np.uint8)).save(temporary, format="PNG")
 
 
-def changed_maps(disparity: np.ndarray) -> dict[str, np.ndarray]:
+def flipped_and_negated_maps(disparity: np.ndarray) -> dict[str, np.ndarray]:
     """Return a map ``[H, W]`` with the usual mistakes undone, by words for a message.
 
     Example:
-        >>> changed_maps(np.array([[1, 2], [3, 4]]))["rows are reversed"].tolist()
+        >>> flipped_and_negated_maps(np.array([[1, 2], [3, 4]]))["rows are reversed"].tolist()
         [[3, 4], [1, 2]]
     """
     return {

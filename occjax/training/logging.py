@@ -25,24 +25,24 @@ class Log:
     become null, since JSON has no such numbers.
     """
 
-    def __init__(self, folder: Path, *, first_step: int = 0, writes: bool = True) -> None:
+    def __init__(self, folder: Path, *, finished_steps: int = 0, enabled: bool = True) -> None:
         """Open the log, and remove the lines after the checkpoint from which training resumes.
 
         Args:
             folder: Training folder.
-            first_step: Number of finished steps.
-            writes: Whether this process writes; otherwise nothing is written.
+            finished_steps: Number of steps that were finished before; later lines are removed.
+            enabled: False in all processes but the first, which then write nothing.
         """
         self._path, self._file, self._board = folder / LOG_FILE, None, None
-        if not writes:
+        if not enabled:
             return
-        kept = [entry for entry in read_log(folder) if entry["step"] <= first_step]
+        kept = [entry for entry in read_log(folder) if entry["step"] <= finished_steps]
         with atomic_path(self._path) as temporary:
             temporary.write_text("".join(_line(entry) for entry in kept), encoding="utf-8")
         # Unbuffered: a full disk is then reported with the line, not at the end of the training.
         self._file = self._path.open("ab", buffering=0)
-        with suppress(ImportError):  # without tensorboardX there is the file only
-            self._board = _Board(folder / TENSORBOARD, first_step)
+        with suppress(ImportError):  # tensorboardX is optional
+            self._board = _Board(folder / TENSORBOARD, finished_steps)
 
     def __enter__(self) -> Log:
         return self
@@ -115,6 +115,8 @@ def _is_entry(entry: Any) -> bool:
 
 
 def _line(entry: Mapping[str, Any]) -> str:
+    """Return an entry as one line of JSON, with null for numbers that are not finite."""
+
     def finite(value):
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
@@ -124,10 +126,11 @@ def _line(entry: Mapping[str, Any]) -> str:
 class _Board:
     """Writer of an event file for TensorBoard.
 
-    ``tensorboardX.SummaryWriter`` writes in a thread, whose end, on a full disk, blocks training.
+    Events are written in the calling thread. ``tensorboardX.SummaryWriter`` uses another thread; if
+    the disk is full, that thread ends and training hangs.
     """
 
-    def __init__(self, folder: Path, first_step: int) -> None:
+    def __init__(self, folder: Path, finished_steps: int) -> None:
         from tensorboardX.event_file_writer import EventsWriter
         from tensorboardX.proto.event_pb2 import Event, SessionLog
         from tensorboardX.summary import scalar
@@ -135,9 +138,10 @@ class _Board:
         folder.mkdir(exist_ok=True)
         self._event, self._scalar = Event, scalar
         self._file = EventsWriter(str(folder / "events"))
-        if first_step:  # later steps of the interrupted run are not shown
+        if finished_steps:
+            # TensorBoard then hides the later steps that an interrupted run has written.
             start = SessionLog(status=SessionLog.START)
-            self._file.write_event(Event(step=first_step + 1, session_log=start))
+            self._file.write_event(Event(step=finished_steps + 1, session_log=start))
 
     def write(self, kind: str, step: int, numbers: Mapping[str, float]) -> None:
         finite = {name: value for name, value in numbers.items() if math.isfinite(value)}

@@ -161,7 +161,7 @@ def train(
         start = int(state.step)
         batches_from = partial(prefetch, source, start, config.steps, ahead=run.prefetch)
         with (
-            Log(folder, first_step=start, writes=is_first_process()) as log,
+            Log(folder, finished_steps=start, enabled=is_first_process()) as log,
             _requests_to_stop() as requests,
             closing(batches_from(rows=rows, place=placement.place_batch)) as batches,
             tqdm(

@@ -30,7 +30,8 @@ def test_a_map_compared_with_itself_causes_a_warning(run, scene):
     code, out, err = run("evaluate", truth, scene)
     assert code == 0
     assert "BadPix 0.07  0.000 %" in out
-    assert err == f"occjax: warning: {truth} and {truth} are the same map; the errors are 0\n"
+    identical = f"{truth} and {truth} are identical, so all errors are 0; check the paths"
+    assert err == f"occjax: warning: {identical}\n"
 
 
 def test_published_scores_of_occcasnet_on_cotton(run, shared):
@@ -109,7 +110,7 @@ def test_the_missing_one_of_estimate_and_ground_truth_is_named(run, scene, tmp_p
 
 @pytest.mark.parametrize("options", [(), ("--metrics", "badpix_0.07")])
 def test_an_estimate_of_another_view_is_refused(run, scene, result, corner_result, options):
-    message = r"is of the view (0, 8), but {} is of the centre view; pass maps of one view"
+    message = r"shows the view (0, 8), but {} shows the centre view; pass two maps of the same view"
     truth = scene / "gt_disp_lowres.pfm"
     for estimate in (corner_result, corner_result / "disparity.npy"):
         code, _, err = run("evaluate", estimate, scene, *options)
@@ -121,7 +122,7 @@ def test_an_estimate_of_another_view_is_refused(run, scene, result, corner_resul
 def test_a_map_is_compared_with_the_ground_truth_of_its_own_view(run, scene, result, corner_result):
     code, _, err = run("evaluate", corner_result, result)
     assert code == 2
-    assert f"{result / 'disparity.pfm'} is of the centre view" in err
+    assert f"{result / 'disparity.pfm'} shows the centre view" in err
     truth = corner_result / "true.npy"  # a file of the user, which may be of any view
     np.save(truth, np.full((32, 40), 0.5))
     for folder in (corner_result, result):

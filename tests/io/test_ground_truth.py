@@ -75,7 +75,7 @@ def test_files_to_evaluate_are_checked(tmp_path):
     ]
     for changed, words in changes:
         np.save(tmp_path / "truth.npy", changed)
-        message = rf"estimate\.npy against .* agree better if the {words} (is|are) reversed"
+        message = rf"estimate\.npy against .* if in one of them the {words} (is|are) reversed"
         with pytest.warns(UserWarning, match=message):
             evaluate_files(tmp_path / "estimate.npy", tmp_path / "truth.npy", border=0)
     with pytest.raises(InputError, match=r"swapped\.npy: disparities reach .* byte-swapped"):

@@ -58,7 +58,7 @@ def test_several_frames_are_no_grid(tmp_path, views, frames):
     views = views[:4, :4]
     for frame in range(frames):
         save_views(tmp_path, views, lambda v, u, f=frame: f"painter_{f:03d}_{4 * v + u:02d}.png")
-    message = rf"has {frames} frames of 4x4 views .* 'painter_000_\{{i\}}\.png'"
+    message = rf"has {frames} frames of 4x4 views, .*pass pattern .*'painter_000_\{{i\}}\.png'"
     with pytest.raises(InputError, match=message):
         load(tmp_path)
     loaded = load_unchecked(tmp_path, pattern="painter_000_{i}.png")
@@ -86,7 +86,7 @@ def test_the_number_of_the_camera_may_come_before_that_of_the_frame(tmp_path, vi
         save_views(
             tmp_path, views[1:3, 1:4], lambda v, u, f=frame: f"s_{3 * v + u:03d}_{f:02d}.png"
         )
-    message = r"has 5 frames of 2x3 views .*'s_\{i\}_00\.png' --grid 2 3"
+    message = r"has 5 frames of 2x3 views, .*'s_\{i\}_00\.png' --grid 2 3"
     with pytest.raises(InputError, match=message):
         load(tmp_path)
 
