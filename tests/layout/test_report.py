@@ -354,7 +354,7 @@ def test_serpentine_order_is_proposed(grid):
     report = check(LightField(straightened(two_planes(grid, far=-0.6, near=0.8)[0])))
     assert report.disorder == "serpentine"
     assert "pass order (--order serpentine)" in report.position_notes[0]
-    assert "pass --order serpentine" in format_report(report, DECLARED)
+    assert "pass order (--order serpentine)" in format_report(report, DECLARED)
 
 
 @pytest.mark.parametrize(
