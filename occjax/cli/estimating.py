@@ -128,6 +128,14 @@ def estimate_command(
         preset(model)
     if weights is not None:
         find_weights(weights)
+    if view is not None and all_views:
+        raise InputError("pass --view or --all-views, not both")
+    index, count = share or (0, 1)
+    if not 0 <= index < count:
+        raise InputError(
+            f"the share is {index} {count}; pass the number of this process, from 0 to "
+            f"{max(count, 1) - 1}, and the number of processes"
+        )
     # The rest imports JAX. A wrong argument is reported without it.
     from occjax.cli.scene_lists import listed_scenes
     from occjax.cli.scenes import EstimateRun, estimate_scenes
@@ -161,7 +169,7 @@ def estimate_command(
         disparity_range,
         options,
         overwrite=overwrite,
-        share=share or (0, 1),
+        share=(index, count),
         fps=fps if video else None,
         view=view,
         all_views=all_views,

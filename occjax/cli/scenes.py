@@ -61,17 +61,6 @@ class EstimateRun:
     all_views: bool
     report: bool
 
-    def __post_init__(self) -> None:
-        """Check share and view."""
-        if self.view is not None and self.all_views:
-            raise InputError("pass --view or --all-views, not both")
-        index, count = self.share
-        if not 0 <= index < count:
-            raise InputError(
-                f"the share is {index} {count}; pass the number of this process, from 0 to "
-                f"{max(count, 1) - 1}, and the number of processes"
-            )
-
 
 def estimate_scenes(scenes: tuple[Path, ...], run: EstimateRun) -> int:
     """Estimate scenes and write the results of each to a folder of its own.

@@ -187,8 +187,10 @@ def declaration(orientation: Orientation) -> str:
         >>> declaration(Orientation())
         'leave out order and flip'
     """
-    options = [f"order (--order {orientation.order})"] * orientation.swap
-    options += [f"flip (--flip {orientation.flip})"] * bool(orientation.flip)
-    if not options:
+    order = f"order (--order {orientation.order})" if orientation.swap else ""
+    flip = f"flip (--flip {orientation.flip})" if orientation.flip else ""
+    if order and flip:
+        return f"pass {order} and {flip}"
+    if not order and not flip:
         return "leave out order and flip"
-    return f"pass {' and '.join(options)}" + " alone" * (len(options) == 1)
+    return f"pass {order or flip} alone"
