@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from occjax.errors import InputError, check_whole_pair, nearest
-from occjax.lightfield import view_offsets
+from occjax.lightfield import centre_index, view_offsets
 
 Arrangement = Literal["all", "cross", "star", "outer_star"]
 """``all`` views; the ``cross`` of the centre view's row and column; the ``star``, which adds both
@@ -48,7 +48,7 @@ def select_view_indices(offsets: np.ndarray, selection: ViewSelection) -> np.nda
         if selection == "outer_star":
             selected &= _count_further_out(row, column, selected) < 2
     else:
-        first = -(np.array(selection) // 2)
+        first = -np.array(centre_index(selection))
         last = first + np.array(selection) - 1
         selected = np.all((offsets >= first) & (offsets <= last), axis=-1)
         present = len(np.unique(offsets[selected], axis=0))
@@ -64,7 +64,8 @@ def select_view_indices(offsets: np.ndarray, selection: ViewSelection) -> np.nda
         )
     others = np.setdiff1d(np.flatnonzero(selected), centre)
     others = others[np.lexsort((column[others], row[others]))]
-    return np.insert(others, (len(others) + 1) // 2, centre).astype(np.int32)
+    place = centre_index((1, len(others) + 1))[1]
+    return np.insert(others, place, centre).astype(np.int32)
 
 
 def select_from_grid(

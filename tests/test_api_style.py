@@ -18,6 +18,7 @@ PACKAGES = (
     "models",
     "estimators",
     "training",
+    "data.procedural",
     "viewer",
     "viz",
 )

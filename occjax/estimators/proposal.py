@@ -45,7 +45,7 @@ class ProposalEstimator(ModelEstimator):
         if light_field.view is not None:
             # Around a view at the border all others are on one side, and from the furthest of them
             # most of what is behind depth edges is hidden.
-            reach = max(self.config.reach, *(size // 2 for size in full_grid))
+            reach = max(self.config.reach, *centre_index(full_grid))
             usable = usable & (np.abs(grid_offsets).max(axis=-1) <= reach)
         indices = np.flatnonzero(usable)
         # The arrangement refers to the places of a grid; irregular views are all used.
@@ -142,6 +142,7 @@ def _padded(selected: np.ndarray, count: int) -> np.ndarray:
     Returns:
         ``[max(k, count)]`` indices; the centre view is in the middle again.
     """
-    centre, missing = len(selected) // 2, max(count - len(selected), 0)
-    before = (len(selected) + missing) // 2 - centre
+    missing = max(count - len(selected), 0)
+    centre = centre_index((1, len(selected)))[1]
+    before = centre_index((1, len(selected) + missing))[1] - centre
     return np.pad(selected, (before, missing - before), constant_values=selected[centre])

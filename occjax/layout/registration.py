@@ -21,6 +21,7 @@ import numpy as np
 from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float, Int
 
+from occjax.kernels.bilinear import project_pixels
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import RegistrationConfig, ViewOrderConfig
 from occjax.layout.filters import box_mean, high_pass, median_filter, reduce_image
@@ -450,8 +451,8 @@ def _residual(
 ) -> tuple[Array, Array, tuple[Array, Array]]:
     """Return the grey difference of a view at each point, its weight, and the image gradient."""
     h, w = centre.shape
-    y = jnp.arange(h, dtype=jnp.float32)[:, None] - disparity * position[0] + shift[0]
-    x = jnp.arange(w, dtype=jnp.float32)[None, :] - disparity * position[1] + shift[1]
+    y, x = project_pixels(disparity, position)
+    y, x = y + shift[0], x + shift[1]
     inside = (y >= 1) & (y <= h - 2) & (x >= 1) & (x <= w - 2)
     shown = map_coordinates(image, [y, x], order=1, mode="nearest")
     difference = shown - centre
