@@ -319,11 +319,14 @@ def join_tiles(views: np.ndarray) -> np.ndarray:
     Returns:
         ``[V * H, U * W, C]`` tiled image.
 
+    Raises:
+        InputError: If the views have another shape.
+
     Example:
         >>> join_tiles(np.arange(4).reshape(2, 1, 1, 2, 1))[..., 0].tolist()
         [[0, 1], [2, 3]]
     """
-    v, u, h, w, c = views.shape
+    v, u, h, w, c = _shape_of_views(views)
     return np.ascontiguousarray(views.transpose(0, 2, 1, 3, 4).reshape(v * h, u * w, c))
 
 
@@ -358,9 +361,19 @@ def join_macpi(views: np.ndarray) -> np.ndarray:
     Returns:
         ``[H * V, W * U, C]`` MacPI image.
 
+    Raises:
+        InputError: If the views have another shape.
+
     Example:
         >>> join_macpi(np.array([[0, 2], [1, 3]]).reshape(1, 2, 1, 2, 1))[..., 0].tolist()
         [[0, 1, 2, 3]]
     """
-    v, u, h, w, c = views.shape
+    v, u, h, w, c = _shape_of_views(views)
     return np.ascontiguousarray(views.transpose(2, 0, 3, 1, 4).reshape(h * v, w * u, c))
+
+
+def _shape_of_views(views: np.ndarray) -> tuple[int, ...]:
+    """Return the shape of views ``[V, U, H, W, C]``; raise an error if they have another one."""
+    if np.ndim(views) != 5:
+        raise InputError(f"views must be [V, U, H, W, C], not {list(np.shape(views))}")
+    return views.shape

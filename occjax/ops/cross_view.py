@@ -106,7 +106,8 @@ def cross_view_counts(
         Number of agreeing and of conflicting views.
 
     Raises:
-        InputError: If the maps are not ``[v, u, h, w]``, or the offsets do not fit.
+        InputError: If the maps are not ``[v, u, h, w]``, offsets or mask do not fit, or radius or
+            tolerance (unless it is traced) is negative.
 
     Example:
         >>> counts = cross_view_counts(jnp.zeros((3, 3, 4, 5)), tolerance=0.1, radius=1)
@@ -117,6 +118,11 @@ def cross_view_counts(
     if disparity.ndim != 4:
         raise InputError(f"disparity must be [v, u, h, w], not {list(disparity.shape)}")
     v, u, h, w = disparity.shape
+    for name, number in (("radius", radius), ("tolerance", tolerance)):
+        if not isinstance(number, jax.core.Tracer) and not float(number) >= 0.0:
+            raise InputError(f"{name} must be at least 0, not {number}")
+    if usable is not None and jnp.shape(usable) != (v, u):
+        raise InputError(f"usable must be [{v}, {u}], not {list(jnp.shape(usable))}")
     offsets = as_offsets(offsets, (v, u)).reshape(-1, 2)
     neighbours = jnp.asarray(_neighbours((v, u), radius))
     if usable is not None:

@@ -39,7 +39,8 @@ def aperture_weights(
         ``[v, u]`` weights in [0, 1].
 
     Raises:
-        InputError: If the diameter is negative, unless it is traced.
+        InputError: If the offsets are not ``[v, u, 2]``, or the diameter is negative, unless it is
+            traced.
 
     Example:
         >>> from occjax.ops import view_offsets
@@ -49,6 +50,8 @@ def aperture_weights(
     if not isinstance(diameter, jax.core.Tracer) and not float(diameter) >= 0.0:
         raise InputError(f"diameter must be at least 0, not {diameter}")
     offsets, diameter = as_coordinates(offsets, diameter)
+    if offsets.ndim != 3 or offsets.shape[-1] != 2:
+        raise InputError(f"offsets must be [v, u, 2], not {list(offsets.shape)}")
     squared = jnp.square(offsets).sum(-1)
     # The derivative of the root is infinite at zero, the offset of the centre view.
     away = squared > 0.0

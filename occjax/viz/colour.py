@@ -9,11 +9,33 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 
+from occjax.errors import InputError
+
 NO_VALUE_COLOUR = "#8a8a8a"
 """Colour of pixels without a finite value."""
 
 MISSING_COLOUR = "#000000"
 """Colour of pixels with ground truth but without an estimate, in an error map."""
+
+
+def check_map(name: str, values: np.ndarray, size: tuple[int, ...] | None = None) -> None:
+    """Check that an array is one map, of the size of the disparity that is drawn with it.
+
+    Args:
+        name: Name of the map, for the message.
+        values: The map.
+        size: ``(H, W)`` of the disparity; None if the map may have any size.
+
+    Raises:
+        InputError: If the array is not ``[H, W]``, or has another size.
+
+    Example:
+        >>> check_map("confidence", np.ones((8, 10)), (8, 10))
+    """
+    shape = np.shape(values)
+    if len(shape) != 2 or size not in (None, shape):
+        needed = "[H, W]" if size is None else f"{list(size)} like the disparity"
+        raise InputError(f"{name} must be {needed}, not {list(shape)}")
 
 
 def disparity_colours() -> Colormap:
@@ -88,11 +110,17 @@ def disparity_limits(
             without ground truth that of all finite values.
         ground_truth: ``[H, W]`` pixels per view step.
 
+    Raises:
+        InputError: If the disparity is not one map, or the confidence has another size.
+
     Example:
         >>> wild = np.array([[0.0, 1.0, 50.0]])
         >>> round(disparity_limits(wild, np.array([[0.9, 0.9, 0.1]])).vmax, 2)
         1.0
     """
+    check_map("disparity", disparity)
+    if confidence is not None:
+        check_map("confidence", confidence, disparity.shape)
     truth = np.empty(0) if ground_truth is None else _finite(ground_truth)
     valued = np.isfinite(disparity)
     if confidence is not None:

@@ -12,10 +12,12 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from occjax.errors import InputError
 from occjax.lightfield import centre_index, to_unit_float
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, Canvas, map_canvas, whole_zoom
 from occjax.viz.colour import (
     NO_VALUE_COLOUR,
+    check_map,
     colourbar_extend,
     confidence_colours,
     disparity_colours,
@@ -51,6 +53,9 @@ def disparity_figure(
     Returns:
         The figure.
 
+    Raises:
+        InputError: If the disparity is not one map, or the confidence has another size.
+
     Example:
         >>> disparity_figure(np.linspace(-1.0, 1.0, 64).reshape(8, 8)).axes[1].get_ylabel()
         'disparity [pixels per view step]'
@@ -71,10 +76,14 @@ def depth_figure(depth: np.ndarray) -> Figure:
     Returns:
         The figure.
 
+    Raises:
+        InputError: If the depth is not one map.
+
     Example:
         >>> depth_figure(np.array([[1.0, 2.0], [4.0, np.inf]])).axes[1].get_ylabel()
         'depth [metres]'
     """
+    check_map("depth", depth)
     norm = disparity_limits(depth, np.ones(depth.shape))
     colours = disparity_colours().reversed().with_extremes(bad=NO_VALUE_COLOUR)
     return _map_figure("Depth", depth, norm, colours, DEPTH_LABEL)
@@ -89,10 +98,14 @@ def confidence_figure(confidence: np.ndarray) -> Figure:
     Returns:
         The figure.
 
+    Raises:
+        InputError: If the confidence is not one map.
+
     Example:
         >>> confidence_figure(np.full((8, 8), 0.9)).axes[1].get_ylabel()
         'confidence (1: certain)'
     """
+    check_map("confidence", confidence)
     norm = Normalize(0.0, 1.0)
     return _map_figure("Confidence", confidence, norm, confidence_colours(), CONFIDENCE_LABEL)
 
@@ -113,6 +126,9 @@ def error_figure(
 
     Returns:
         The figure.
+
+    Raises:
+        InputError: If the arrays are not two maps of one size.
 
     Example:
         >>> figure = error_figure(np.full((8, 8), 0.1), np.zeros((8, 8)))
@@ -140,10 +156,15 @@ def occlusion_figure(
     Returns:
         The figure.
 
+    Raises:
+        InputError: If the maps are not ``[V, U, H, W]``.
+
     Example:
         >>> occlusion_figure(np.full((3, 3, 8, 8), 0.2)).axes[1].get_ylabel()
         'occlusion (1: occluded)'
     """
+    if np.ndim(occlusion) != 4:
+        raise InputError(f"occlusion must be [V, U, H, W], not {list(np.shape(occlusion))}")
     rows, columns, height, width = occlusion.shape
     gap, longest = 3, 1300  # pixels between the maps, and of the longer side of the mosaic
     small = _shrink(occlusion, -(-max(rows * height, columns * width) // longest))
@@ -201,12 +222,19 @@ def comparison_figure(
     Returns:
         The figure.
 
+    Raises:
+        InputError: If the view and the maps do not have one size.
+
     Example:
         >>> centre, disparity = np.zeros((8, 8, 3), np.uint8), np.eye(8)
         >>> [text.get_text() for text in comparison_figure(centre, disparity).texts]
         ['Centre view', 'Estimate']
     """
     norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
+    others = {"centre view": centre[..., 0], "ground truth": ground_truth, "hidden": hidden}
+    for name, values in others.items():
+        if values is not None:
+            check_map(name, values, disparity.shape)
     extend = colourbar_extend(norm, disparity)
     step = -(-max(disparity.shape) // 600)  # at most 600 pixels along the longer side
     centre = np.moveaxis(_shrink(np.moveaxis(to_unit_float(centre), -1, 0), step), 0, -1)

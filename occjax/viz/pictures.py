@@ -12,11 +12,13 @@ import numpy as np
 from matplotlib.colors import Colormap, Normalize, to_rgb
 from PIL import Image
 
+from occjax.errors import InputError
 from occjax.evaluation.metrics import BAD_PIXEL_THRESHOLD
 from occjax.io.atomic import atomic_path
 from occjax.lightfield import to_unit_float
 from occjax.viz.colour import (
     MISSING_COLOUR,
+    check_map,
     confidence_colours,
     disparity_colours,
     disparity_limits,
@@ -33,10 +35,15 @@ def view_picture(view: np.ndarray) -> np.ndarray:
     Returns:
         ``[H, W, 3]`` uint8 RGB.
 
+    Raises:
+        InputError: If the view is not ``[H, W, C]`` with C of 1 or 3.
+
     Example:
         >>> view_picture(np.array([[[0.0], [1.0]]])).tolist()
         [[[0, 0, 0], [255, 255, 255]]]
     """
+    if np.ndim(view) != 3 or view.shape[2] not in (1, 3):
+        raise InputError(f"view must be [H, W, C] with C of 1 or 3, not {list(np.shape(view))}")
     levels = np.floor(np.clip(to_unit_float(view), 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
     return np.ascontiguousarray(np.broadcast_to(levels, (*view.shape[:2], 3)))
 
@@ -60,10 +67,14 @@ def disparity_picture(
     Returns:
         ``[H, W, 3]`` uint8 RGB.
 
+    Raises:
+        InputError: If the disparity is not one map, or the confidence has another size.
+
     Example:
         >>> disparity_picture(np.array([[0.0, 1.0, np.nan]])).tolist()
         [[[68, 1, 84], [253, 231, 36], [138, 138, 138]]]
     """
+    check_map("disparity", disparity)
     norm = (
         disparity_limits(disparity, confidence, ground_truth)
         if limits is None
@@ -81,10 +92,14 @@ def confidence_picture(confidence: np.ndarray) -> np.ndarray:
     Returns:
         ``[H, W, 3]`` uint8 RGB.
 
+    Raises:
+        InputError: If the confidence is not one map.
+
     Example:
         >>> confidence_picture(np.array([[0.0, 1.0]])).tolist()
         [[[0, 0, 3], [251, 252, 191]]]
     """
+    check_map("confidence", confidence)
     return coloured(confidence, Normalize(0.0, 1.0), confidence_colours())
 
 
@@ -101,10 +116,15 @@ def error_picture(
     Returns:
         ``[H, W, 3]`` uint8 RGB; pixels without ground truth are grey, without an estimate black.
 
+    Raises:
+        InputError: If the arrays are not two maps of one size.
+
     Example:
         >>> error_picture(np.array([[0.0, np.nan]]), np.zeros((1, 2))).tolist()
         [[[247, 246, 246], [0, 0, 0]]]
     """
+    check_map("disparity", disparity)
+    check_map("ground truth", ground_truth, disparity.shape)
     norm, colours, _ = error_scale(bad)
     known = np.isfinite(disparity) & np.isfinite(ground_truth)
     error = np.full(disparity.shape, np.nan)

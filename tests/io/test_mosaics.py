@@ -40,6 +40,12 @@ def test_a_grid_that_does_not_divide_the_image_is_refused(split):
         split(np.zeros((10, 12, 3)), (3, 4))
 
 
+@pytest.mark.parametrize("join", [join_tiles, join_macpi])
+def test_views_without_channels_are_not_joined(join):
+    with pytest.raises(InputError, match=r"must be \[V, U, H, W, C\], not \[3, 3, 4, 5\]"):
+        join(np.zeros((3, 3, 4, 5)))
+
+
 @pytest.mark.parametrize(("kind", "join"), [("tiled", join_tiles), ("macpi", join_macpi)])
 @pytest.mark.parametrize("grid", [(5, 5), (3, 4), (1, 5)])
 def test_the_arrangement_is_detected(tmp_path, kind, join, grid):

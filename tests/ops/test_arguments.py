@@ -141,6 +141,15 @@ MISFITS = {
     r"combine must be a function such as ops.concatenate, not 'concatenate'": (
         lambda: ops.coarse_volume(VIEWS, CANDIDATES, combine="concatenate")
     ),
+    r"offsets must be \[v, u, 2\], not \[3, 2\]": (
+        lambda: ops.aperture_weights(np.ones((3, 2)), 1.0)
+    ),
+    r"usable must be \[1, 1\], not \[1, 3\]": lambda: ops.cross_view_counts(
+        DISPARITY[None, None], tolerance=0.1, usable=np.ones((1, 3), bool)
+    ),
+    r"tolerance must be at least 0, not -1": (
+        lambda: ops.cross_view_counts(DISPARITY[None, None], tolerance=-1)
+    ),
     r"diameter must be at least 0, not -1": lambda: ops.aperture_weights(np.ones((1, 3, 2)), -1),
     r"\(v, u\) is \(0, 3\); it must be two whole numbers": lambda: ops.view_offsets(0, 3),
     r"\(v, u\) is \(2.5, 3\); it must be two whole numbers": lambda: ops.view_offsets(2.5, 3),

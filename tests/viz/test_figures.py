@@ -8,14 +8,19 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
+from occjax.errors import InputError
 from occjax.viz import (
     comparison_figure,
     confidence_figure,
+    confidence_picture,
     depth_figure,
     disparity_figure,
+    disparity_picture,
     error_figure,
+    error_picture,
     occlusion_figure,
     save,
+    view_picture,
 )
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
 from occjax.viz.colour import colourbar_extend, disparity_limits, error_colours, limits
@@ -248,3 +253,27 @@ def test_small_occlusion_can_be_seen():
     assert image[TOP + 5, LEFT + 2 * zoom].max() == 0
     assert image[TOP + 5, LEFT + 10 * zoom].min() == 255
     assert figure.axes[1].get_ylim() == (0.0, 0.02)
+
+
+COLOUR_IMAGE, VIEW = np.zeros((12, 17, 3)), np.zeros((12, 17, 1))
+MISFITS = [
+    (lambda: disparity_figure(COLOUR_IMAGE), r"disparity must be \[H, W\], not \[12, 17, 3\]"),
+    (lambda: disparity_picture(COLOUR_IMAGE, limits=(0.0, 1.0)), r"disparity must be \[H, W\]"),
+    (lambda: disparity_picture(RAMP, confidence=RAMP.T), r"confidence must be \[12, 17\] like the"),
+    (lambda: depth_figure(COLOUR_IMAGE), r"depth must be \[H, W\]"),
+    (lambda: confidence_figure(COLOUR_IMAGE), r"confidence must be \[H, W\]"),
+    (lambda: confidence_picture(RAMP[0]), r"confidence must be \[H, W\], not \[17\]"),
+    (lambda: error_figure(RAMP, RAMP[:1]), r"ground truth must be \[12, 17\] .*, not \[1, 17\]"),
+    (lambda: error_picture(COLOUR_IMAGE, COLOUR_IMAGE), r"disparity must be \[H, W\]"),
+    (lambda: occlusion_figure(RAMP), r"occlusion must be \[V, U, H, W\], not \[12, 17\]"),
+    (lambda: comparison_figure(VIEW[1:], RAMP), r"centre view must be \[12, 17\] like the disp"),
+    (lambda: comparison_figure(VIEW, RAMP, RAMP[:1]), "ground truth must be"),
+    (lambda: comparison_figure(VIEW, RAMP, hidden=RAMP[:1] > 0), "hidden must be"),
+    (lambda: view_picture(RAMP), r"view must be \[H, W, C\] with C of 1 or 3, not \[12, 17\]"),
+]
+
+
+@pytest.mark.parametrize(("draw", "message"), MISFITS)
+def test_arrays_of_another_shape_are_refused_not_broadcast(draw, message):
+    with pytest.raises(InputError, match=message):
+        draw()
