@@ -100,25 +100,19 @@ MAY_IMPORT = {
     "view_selection": BASE,
     "kernels": BASE,
     "ops": BASE | {"kernels"},
-    "layout": BASE | {"kernels", "ops", "programs", "view_selection"},
-    "io": BASE | {"layout", "programs", "view_selection"},
-    "evaluation": BASE | {"kernels", "ops", "layout", "io"},
-    "viz": BASE | {"kernels", "ops", "layout", "io", "evaluation", "programs"},
+    "layout": BASE | {"kernels", "ops", "programs"},
+    "io": BASE | {"layout", "programs"},
+    "evaluation": BASE | {"ops", "io"},
+    "viz": BASE | {"ops", "layout", "io", "evaluation", "programs"},
     "models": BASE | {"kernels", "ops", "io", "view_selection"},
-    # ``Estimate.view`` imports the viewer when it is called.
-    "estimators": BASE
-    | {"kernels", "ops", "layout", "io", "models", "programs", "view_selection", "viewer"},
-    "data": BASE | {"kernels", "ops", "layout", "io", "view_selection"},
+    "estimators": BASE | {"ops", "layout", "models", "programs", "view_selection"},
+    "data": BASE | {"kernels", "ops", "io", "view_selection"},
     "training": BASE
-    | {"kernels", "ops", "layout", "io", "models", "data", "evaluation", "viz"}
-    | {"view_selection", "estimators"},
+    | {"io", "models", "data", "evaluation", "viz", "view_selection", "estimators"},
     "report": BASE | {"io", "evaluation", "viz", "estimators", "results"},
-    "results": BASE
-    | {"kernels", "ops", "layout", "io", "evaluation", "viz", "models"}
-    | {"estimators", "view_selection"},
+    "results": BASE | {"ops", "io", "evaluation", "viz", "estimators"},
     "viewer": BASE
-    | {"kernels", "ops", "layout", "io", "evaluation", "viz", "models", "data"}
-    | {"estimators", "results"},
+    | {"ops", "layout", "io", "evaluation", "viz", "models", "data", "estimators", "results"},
 }
 """Arrows of the architecture; the command line may import everything and is imported by nothing."""
 
