@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool, Float
 from occjax.kernels.bilinear import inside_view, warp_plane
 from occjax.layout.consistency import Arm, Cross, motion
 from occjax.layout.orientation import Orientation
-from occjax.lightfield import project
 from occjax.programs import kept
 
 
@@ -82,8 +81,7 @@ def _project_to_outermost(
     offset = np.zeros(2, np.float32)
     offset[axis] = sign * arm.offsets[-1] / cross.scale
     shown, inside = map(np.asarray, _warp(arm.images[-1], disparity, offset))
-    displacement = -project(0.0, 0.0, disparity, offset)[axis]
-    return displacement, np.abs(shown - cross.centre), inside
+    return disparity * offset[axis], np.abs(shown - cross.centre), inside
 
 
 @kept
