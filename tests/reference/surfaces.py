@@ -11,19 +11,19 @@ SHORTEST = 0.02
 
 def first_hit(geometry, y, x, offset):
     """Disparity and surface that one ray meets first, and whether it stays clear of edges."""
-    low, high = (float(limit) for limit in geometry.limits)
+    low, high = (float(limit) for limit in geometry.disparity_range)
     hits, clear = [(low, 0)], True
     index = -1
     for kind in ("walls", "sheets", "solids"):
         surfaces = getattr(geometry, kind)
-        for i in range(surfaces.slope.shape[0]):
+        for i in range(surfaces.linear.shape[0]):
             index += 1
             part = {
                 name: np.asarray(values[i], np.float64)
                 for name, values in surfaces._asdict().items()
             }
-            origin = part["linear"] @ np.array([x, y, 0.0]) + part["shift"]
-            direction = part["linear"] @ np.array([offset[1], offset[0], 1.0])
+            origin = part["matrix"] @ np.array([x, y, 0.0]) + part["translation"]
+            direction = part["matrix"] @ np.array([offset[1], offset[0], 1.0])
             candidates = [
                 d
                 for d in _candidates(part, origin, direction, low, high, kind)
@@ -53,24 +53,24 @@ def first_hit(geometry, y, x, offset):
 
 def _candidates(part, origin, direction, low, high, kind):
     """Disparities at which a ray may enter or meet a surface."""
-    quadratic = np.sum(part["curvature"] * direction**2)
-    linear = 2 * np.sum(part["curvature"] * origin * direction) + part["slope"] * direction[2]
-    constant = np.sum(part["curvature"] * origin**2) + part["slope"] * origin[2] + part["constant"]
+    quadratic = np.sum(part["quadratic"] * direction**2)
+    linear = 2 * np.sum(part["quadratic"] * origin * direction) + part["linear"] * direction[2]
+    constant = np.sum(part["quadratic"] * origin**2) + part["linear"] * origin[2] + part["constant"]
     polynomial = np.trim_zeros([quadratic, linear, constant], "f")
     roots = np.roots(polynomial) if len(polynomial) > 1 else np.zeros(0)
     candidates = [root.real for root in roots if abs(root.imag) < 1e-12]
     if kind == "solids":
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face never meets it
             for sign in (-1.0, 1.0):
-                candidates.extend((sign * part["half"] - origin) / direction)
+                candidates.extend((sign * part["half_extent"] - origin) / direction)
         candidates.extend([low, high])
     return candidates
 
 
 def _within(part, point, slack):
     """Whether a point is within a solid that is larger by a little."""
-    level = np.sum(part["curvature"] * point**2) + part["slope"] * point[2] + part["constant"]
-    return bool(level <= slack and (np.abs(point) <= part["half"] + slack).all())
+    level = np.sum(part["quadratic"] * point**2) + part["linear"] * point[2] + part["constant"]
+    return bool(level <= slack and (np.abs(point) <= part["half_extent"] + slack).all())
 
 
 def _outline_around(outline, point):

@@ -34,8 +34,8 @@ def draw_materials(
 
     ``group`` has the index of the solid whose material each solid has.
     """
-    table = geometry.surfaces
-    count = table.slope.shape[0]
+    surfaces = geometry.surfaces
+    count = len(surfaces.linear)
     scene, draws = draws, draws.with_shape((count,))
     texture_count = config.texture_count
 
@@ -60,7 +60,7 @@ def draw_materials(
     tone_factor = 1.0 + draws.choose(0.6, draws.uniform(-0.12, 0.12))
 
     # The texel axes are two directions at right angles to the local z axis of the surface.
-    normal = table.linear[:, 2].at[:, 2].divide(space.relief)
+    normal = surfaces.matrix[:, 2].at[:, 2].divide(space.relief)
     normal = normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
     tilted = (
         normal
@@ -102,19 +102,18 @@ def draw_light(draws: Draws, config: SceneConfig, space: Space) -> Light:
     side = max(config.image_size)
     turn, slant = draws.angle(), draws.uniform(0.1, 1.2)
     distance = draws.log_uniform(0.8 * side, 5.0 * side)
-    away = distance * jnp.tan(slant) * 0.6
-    front = space.relief * space.high + distance
-    lamp = jnp.stack([away * jnp.cos(turn), away * jnp.sin(turn), front])
+    lateral = distance * jnp.tan(slant) * 0.6
+    depth = space.relief * space.high + distance
+    lamp = jnp.stack([lateral * jnp.cos(turn), lateral * jnp.sin(turn), depth])
     # Pixels that a ray along the light moves per unit of disparity, limited so that shadows stay
     # within the shade maps.
-    reach = jnp.minimum(jnp.tan(slant) * space.relief, 28.0 / (space.high - space.low))
-    cast = reach * jnp.stack([jnp.sin(turn), jnp.cos(turn)])
+    view_steps = jnp.minimum(jnp.tan(slant) * space.relief, 28.0 / (space.high - space.low))
     return Light(
         relief=space.relief,
         lamp=lamp,
-        reach=distance * draws.uniform(0.7, 2.0),
+        half_light_distance=distance * draws.uniform(0.7, 2.0),
         strength=draws.choose(config.shading, draws.uniform(0.3, 0.9)),
-        cast=cast,
+        direction=view_steps * jnp.stack([jnp.sin(turn), jnp.cos(turn)]),
         shadow=draws.choose(config.shadows, draws.uniform(0.4, 1.0)),
         softness=draws.log_uniform(0.7, 8.0),
         crease=draws.choose(config.creases, draws.uniform(0.2, 0.8)),

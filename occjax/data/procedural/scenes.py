@@ -22,8 +22,8 @@ from occjax.data.procedural.surfaces import Geometry, Quadrics
 ABSENT_DISPARITY = -1e4
 """Disparity of absent walls, far below that of any scene."""
 
-UNCUT_HALF_SIZE = 1e6
-"""Half the size of the box of a surface that is not cut to a box."""
+UNBOUNDED_HALF_EXTENT = 1e6
+"""Half extent of surfaces that no box bounds."""
 
 
 class RandomScene(NamedTuple):
@@ -35,17 +35,17 @@ class RandomScene(NamedTuple):
     light: Light
 
 
-class _Walls(NamedTuple):
-    """Tangent planes ``d = level + across X + down Y`` of the walls."""
+class _TangentPlanes(NamedTuple):
+    """Tangent planes ``d = level + slope_x X + slope_y Y`` of the walls."""
 
     level: Float[Array, " n"]
-    across: Float[Array, " n"]
-    down: Float[Array, " n"]
+    slope_x: Float[Array, " n"]
+    slope_y: Float[Array, " n"]
 
     def disparity(self, y: Float[Array, " k"], x: Float[Array, " k"]) -> Float[Array, " k"]:
         """Return the disparity of the nearest plane, which ignores the curvature of walls."""
-        planes = self.level[:, None] + self.across[:, None] * x[None] + self.down[:, None] * y[None]
-        return jnp.max(planes, axis=0)
+        level, slope_x, slope_y = (values[:, None] for values in self)
+        return jnp.max(level + slope_x * x[None] + slope_y * y[None], axis=0)
 
 
 def random_scene(key: Key, config: SceneConfig) -> RandomScene:
@@ -62,7 +62,7 @@ def random_scene(key: Key, config: SceneConfig) -> RandomScene:
         sheets=sheets,
         outlines=patterns.outlines(draws, outline_key, config.sheets, config.outlines),
         solids=solids,
-        limits=jnp.stack([space.low, space.high]),
+        disparity_range=jnp.stack([space.low, space.high]),
     )
     materials = draw_materials(draws, config, space, geometry, group)
     light = draw_light(draws, config, space)
@@ -80,60 +80,62 @@ def _draw_space(draws: Draws, config: SceneConfig) -> Space:
     return Space(low, jnp.minimum(low + width, highest), relief)
 
 
-def _draw_walls(draws: Draws, config: SceneConfig, space: Space) -> tuple[Quadrics, _Walls]:
+def _draw_walls(draws: Draws, config: SceneConfig, space: Space) -> tuple[Quadrics, _TangentPlanes]:
     """Draw a plane at the lowest disparity, a wall that fills the image, and further walls."""
     count = config.walls - 1
     draws = draws.with_shape((count,))
     h, w = config.image_size
-    half = 0.5 * max(h, w)
+    half_side = 0.5 * max(h, w)
     width = space.high - space.low
     first = jnp.arange(count) == 0
 
     # The first wall stays within the range over the whole image; others cut it along a line.
     level = space.low + width * draws.uniform(0.03, 0.6)
-    room = jnp.minimum(level - space.low, 0.8 * (space.high - level)) / (1.3 * half)
+    room = jnp.minimum(level - space.low, 0.8 * (space.high - level)) / (1.3 * half_side)
     strength = jnp.where(first, draws.unit(), draws.uniform(1.0, 4.0))
     steepest = 3.0 / space.relief
     slope = jnp.minimum(room * strength, steepest)
     slope = draws.choose(config.slanted, slope)
     turn = draws.angle()
-    across, down = slope * jnp.cos(turn), slope * jnp.sin(turn)
-    x, y = draws.uniform(-half, half), draws.uniform(-half, half)
+    slope_x, slope_y = slope * jnp.cos(turn), slope * jnp.sin(turn)
+    x, y = draws.uniform(-half_side, half_side), draws.uniform(-half_side, half_side)
     if count:
         # The line where another wall cuts the first passes through a random point.
-        base = level[0] + across[0] * x + down[0] * y
-        level = jnp.where(first, level, base - across * x - down * y)
+        base = level[0] + slope_x[0] * x + slope_y[0] * y
+        level = jnp.where(first, level, base - slope_x * x - slope_y * y)
     present = first | draws.chance(0.35)
     level = jnp.where(present, level, ABSENT_DISPARITY)
 
     turn = draws.angle()
-    reach = jnp.where(first, room / half, 0.3 * width / half**2) * draws.uniform(-1.0, 1.0)
-    bend = draws.choose(config.curved, reach)
-    other = bend * draws.choose(0.4, draws.uniform(-1.0, 1.0))
+    max_curvature = jnp.where(first, room / half_side, 0.3 * width / half_side**2)
+    curvature_x = draws.choose(config.curved, max_curvature * draws.uniform(-1.0, 1.0))
+    curvature_y = curvature_x * draws.choose(0.4, draws.uniform(-1.0, 1.0))
 
     def with_backdrop(values, backdrop=0.0):
         return jnp.concatenate([jnp.asarray(backdrop)[None], values])
 
-    planes = _Walls(with_backdrop(level, space.low), with_backdrop(across), with_backdrop(down))
-    turn, bend, other = (with_backdrop(values) for values in (turn, bend, other))
+    planes = _TangentPlanes(
+        with_backdrop(level, space.low), with_backdrop(slope_x), with_backdrop(slope_y)
+    )
+    turn, curvature_x, curvature_y = map(with_backdrop, (turn, curvature_x, curvature_y))
     zero, one = jnp.zeros(config.walls), jnp.ones(config.walls)
     walls = Quadrics(
-        linear=_stack_rows(
+        matrix=_stack_rows(
             [jnp.cos(turn), jnp.sin(turn), zero],
             [-jnp.sin(turn), jnp.cos(turn), zero],
-            [-planes.across, -planes.down, one],
+            [-planes.slope_x, -planes.slope_y, one],
         ),
-        shift=jnp.stack([zero, zero, -planes.level], axis=-1),
-        curvature=jnp.stack([bend, other, zero], axis=-1),
-        slope=-one,
+        translation=jnp.stack([zero, zero, -planes.level], axis=-1),
+        quadratic=jnp.stack([curvature_x, curvature_y, zero], axis=-1),
+        linear=-one,
         constant=zero,
-        half=jnp.full((config.walls, 3), UNCUT_HALF_SIZE),
+        half_extent=jnp.full((config.walls, 3), UNBOUNDED_HALF_EXTENT),
     )
     return walls, planes
 
 
 def _draw_sheets(
-    draws: Draws, config: SceneConfig, space: Space, planes: _Walls, density
+    draws: Draws, config: SceneConfig, space: Space, planes: _TangentPlanes, density
 ) -> Quadrics:
     """Draw sheets: cards, leaves, fences; flat or curved."""
     count = config.sheets
@@ -151,24 +153,26 @@ def _draw_sheets(
     room, depth, relief, floating = _fit_depth(draws, space, wall, depth)
     d = draws.choose(config.contacts, wall + depth + 0.02 * room, floating)
 
-    bend = draws.choose(config.curved, draws.uniform(-0.7, 0.7))
-    other = bend * draws.choose(0.3, draws.uniform(-1.0, 1.0))
+    curvature_x = draws.choose(config.curved, draws.uniform(-0.7, 0.7))
+    curvature_y = curvature_x * draws.choose(0.3, draws.uniform(-1.0, 1.0))
     present = draws.chance(density) & (room > 0.0)
     size = jnp.stack([large, small, large], axis=-1)
-    linear, shift = _placed(rotation, size, relief, x, y, d)
+    matrix, translation = _placed(rotation, size, relief, x, y, d)
     return Quadrics(
-        linear=linear,
+        matrix=matrix,
         # An absent sheet has no point inside its outline.
-        shift=jnp.where(present[:, None], shift, jnp.array([0.0, 0.0, ABSENT_DISPARITY])),
-        curvature=jnp.stack([bend, other, jnp.zeros(count)], axis=-1),
-        slope=-jnp.ones(count),
+        translation=jnp.where(
+            present[:, None], translation, jnp.array([0.0, 0.0, ABSENT_DISPARITY])
+        ),
+        quadratic=jnp.stack([curvature_x, curvature_y, jnp.zeros(count)], axis=-1),
+        linear=-jnp.ones(count),
         constant=jnp.zeros(count),
-        half=jnp.full((count, 3), UNCUT_HALF_SIZE),
+        half_extent=jnp.full((count, 3), UNBOUNDED_HALF_EXTENT),
     )
 
 
 def _draw_solids(
-    draws: Draws, config: SceneConfig, space: Space, planes: _Walls, density
+    draws: Draws, config: SceneConfig, space: Space, planes: _TangentPlanes, density
 ) -> tuple[Quadrics, Int[Array, " n"]]:
     """Draw boxes, ellipsoids, cylinders and rods; some form groups of overlapping solids.
 
@@ -185,14 +189,14 @@ def _draw_solids(
     size = draws.log_uniform(0.05 * side, 0.42 * side)
     thin = draws.log_uniform(1.2, 0.05 * side)
     aspects = jnp.stack([draws.uniform(0.35, 1.0) for _ in range(3)], axis=-1)
-    half = aspects * size[:, None]
+    half_extent = aspects * size[:, None]
     long = draws.uniform(0.25 * side, 0.9 * side)
-    half = jnp.where(rod[:, None], jnp.stack([thin, thin, long], axis=-1), half)
+    half_extent = jnp.where(rod[:, None], jnp.stack([thin, thin, long], axis=-1), half_extent)
 
     # Consecutive pairs and triples become one object with the material of the first.
-    leader = jnp.maximum(jnp.arange(count) - jnp.arange(count) % 3, 0)
-    grouped = draws.chance(config.clusters)[leader] & ~rod
-    follows = grouped & (leader != jnp.arange(count)) if count else grouped
+    index = jnp.arange(count)
+    leader = index // 3 * 3
+    follows = draws.chance(config.clusters)[leader] & ~rod & (leader != index)
     spread = 0.8 * size[leader]
     x = jnp.where(follows, x[leader] + spread * draws.uniform(-1.0, 1.0), x)
     y = jnp.where(follows, y[leader] + spread * draws.uniform(-1.0, 1.0), y)
@@ -205,25 +209,25 @@ def _draw_solids(
         _rotation(draws.angle(), draws.uniform(0.0, jnp.pi), draws.angle()),
     )
     wall = planes.disparity(y, x)
-    depth = jnp.sum(jnp.abs(rotation[:, :, 2]) * half, axis=-1)
+    depth = jnp.sum(jnp.abs(rotation[:, :, 2]) * half_extent, axis=-1)
     room, depth, relief, floating = _fit_depth(draws, space, wall, depth)
     resting = wall + depth * draws.uniform(0.2, 1.0)
     d = jnp.where(draws.chance(config.contacts), resting, floating)
     d = jnp.where(follows, d[leader] + depth * draws.uniform(-0.5, 0.5), d)
 
-    linear, shift = _placed(rotation, jnp.ones((count, 3)), relief, x, y, d)
+    matrix, translation = _placed(rotation, jnp.ones((count, 3)), relief, x, y, d)
     present = draws.chance(density) & (room > 0.0) & (sum(weights) > 0.0)
-    inverse = 1.0 / half**2
+    inverse = 1.0 / half_extent**2
     round_in = jnp.stack([~box, ~box, ellipsoid], axis=-1)
     quadrics = Quadrics(
-        linear=linear,
-        shift=shift,
-        curvature=jnp.where(round_in, inverse, 0.0),
-        slope=jnp.zeros(count),
+        matrix=matrix,
+        translation=translation,
+        quadratic=jnp.where(round_in, inverse, 0.0),
+        linear=jnp.zeros(count),
         constant=-jnp.ones(count),
-        half=jnp.where(present[:, None], half * jnp.where(round_in, 1.01, 1.0), -1.0),
+        half_extent=jnp.where(present[:, None], half_extent * jnp.where(round_in, 1.01, 1.0), -1.0),
     )
-    return quadrics, jnp.where(follows, leader, jnp.arange(count))
+    return quadrics, jnp.where(follows, leader, index)
 
 
 def _rotation(
@@ -278,7 +282,7 @@ def _fit_depth(
 
 def _placed(rotation, size, relief, x, y, d):
     """Return the affine map from ``(X, Y, d)`` to the local coordinates of each object."""
-    linear = rotation / size[:, :, None]
-    linear = linear.at[:, :, 2].multiply(relief[:, None])
+    matrix = rotation / size[:, :, None]
+    matrix = matrix.at[:, :, 2].multiply(relief[:, None])
     centre = jnp.stack([x, y, d], axis=-1)
-    return linear, -jnp.sum(linear * centre[:, None, :], axis=-1)
+    return matrix, -jnp.sum(matrix * centre[:, None, :], axis=-1)

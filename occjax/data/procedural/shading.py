@@ -17,7 +17,7 @@ from occjax.data.procedural.surfaces import (
     Hits,
     Quadrics,
     first_hits,
-    interpolate,
+    sample_bilinear,
     take_unchecked,
 )
 
@@ -58,22 +58,22 @@ class Light(NamedTuple):
     Attributes:
         relief: Depth per unit of disparity, in pixels.
         lamp: ``[3]`` position of the lamp, metric.
-        reach: Distance at which the lamp has lost half its light.
+        half_light_distance: Distance at which the lamp has lost half its light, metric.
         strength: Fraction of the light that comes from the lamp; the rest is ambient.
-        cast: ``[2]`` direction of the light: offset ``(row, column)`` of the view whose rays are
-            parallel to it.
+        direction: ``[2]`` direction of the light: offset ``(row, column)`` of the view whose rays
+            are parallel to it.
         shadow: Strength of the shadows, in [0, 1].
         softness: Blur of the shadows, in pixels.
         crease: Strength of the ambient occlusion in corners and gaps, in [0, 1].
-        convergence: Change of the direction to the eye from pixel to pixel.
-        swing: Change of this direction from view to view, relative to the parallax.
+        convergence: Change of the direction to the eye per pixel, as in a perspective image.
+        swing: Change of this direction per view step.
     """
 
     relief: Float[Array, ""]
     lamp: Float[Array, "3"]
-    reach: Float[Array, ""]
+    half_light_distance: Float[Array, ""]
     strength: Float[Array, ""]
-    cast: Float[Array, "2"]
+    direction: Float[Array, "2"]
     shadow: Float[Array, ""]
     softness: Float[Array, ""]
     crease: Float[Array, ""]
@@ -81,22 +81,22 @@ class Light(NamedTuple):
     swing: Float[Array, ""]
 
 
-class Shade(NamedTuple):
+class ShadeMaps(NamedTuple):
     """Maps for shadows and ambient occlusion, over the image and its surroundings.
 
     Attributes:
-        blocker: ``[m, m]`` exponential shadow map: blurred exponential of the disparity of the
-            first hit along the light.
-        front: ``[m, m]`` blurred disparity of the centre view.
-        reach: ``[2]`` half the height and width that the maps cover, in pixels.
+        shadow: ``[m, m]`` exponential shadow map: blurred exponential of the disparity of the first
+            hit along the light.
+        disparity: ``[m, m]`` blurred disparity of the centre view.
+        half_extent: ``[2]`` half the height and width that the maps cover, in pixels.
     """
 
-    blocker: Float[Array, "m m"]
-    front: Float[Array, "m m"]
-    reach: Float[Array, "2"]
+    shadow: Float[Array, "m m"]
+    disparity: Float[Array, "m m"]
+    half_extent: Float[Array, "2"]
 
 
-def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) -> Shade:
+def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) -> ShadeMaps:
     """Render blurred disparity maps of low resolution, along the light and from the front.
 
     Parallel light from the side of the camera has the direction of the rays of some view. The
@@ -104,14 +104,18 @@ def shade_maps(geometry: Geometry, light: Light, image_size: tuple[int, int]) ->
     light has its disparity. The blurred exponential of disparity makes shadows soft (exponential
     shadow maps, Annen et al., 2008).
     """
-    reach = 0.5 * jnp.asarray(image_size, jnp.float32) + 32.0
+    half_extent = 0.5 * jnp.asarray(image_size, jnp.float32) + 32.0
     size = 128  # rows and columns of the maps
     axis = jnp.linspace(-1.0, 1.0, size)
-    y, x = jnp.meshgrid(axis * reach[0], axis * reach[1], indexing="ij")
-    pixel = 2.0 * jnp.max(reach) / (size - 1)
-    exponent = _shadow_exponent(geometry, first_hits(geometry, y, x, light.cast).disparity)
-    front = first_hits(geometry, y, x, jnp.zeros(2)).disparity
-    return Shade(_blur(jnp.exp(exponent), light.softness / pixel), _blur(front, 6.0 / pixel), reach)
+    y, x = jnp.meshgrid(axis * half_extent[0], axis * half_extent[1], indexing="ij")
+    pixel_size = 2.0 * jnp.max(half_extent) / (size - 1)
+    exponent = _shadow_exponent(geometry, first_hits(geometry, y, x, light.direction).disparity)
+    disparity = first_hits(geometry, y, x, jnp.zeros(2)).disparity
+    return ShadeMaps(
+        shadow=_blur(jnp.exp(exponent), light.softness / pixel_size),
+        disparity=_blur(disparity, 6.0 / pixel_size),
+        half_extent=half_extent,
+    )
 
 
 def brightness(
@@ -119,7 +123,7 @@ def brightness(
     materials: Materials,
     textures: Float[Array, "t m m"],
     light: Light,
-    shade: Shade,
+    shade: ShadeMaps,
     offset: Float[Array, "2"],
     y: Float[Array, "*r"],
     x: Float[Array, "*r"],
@@ -144,33 +148,33 @@ def brightness(
     d, index = hits
     px, py, pz = x + offset[1] * d, y + offset[0] * d, light.relief * d
 
-    def of(values):
+    def gather(values):  # one entry per surface to one per ray
         return take_unchecked(values, index)
 
-    row = _affine(of, materials.texel_map[:, 0], materials.texel_origin[:, 0], px, py, d)
-    column = _affine(of, materials.texel_map[:, 1], materials.texel_origin[:, 1], px, py, d)
-    scale = of(materials.detail_scale)
-    pattern = of(materials.contrast) * _texel(textures, of(materials.texture), row, column)
-    detail = _texel(textures, of(materials.detail), row * scale, column * scale)
-    pattern = pattern + of(materials.detail_contrast) * detail
-    albedo = jnp.clip(of(materials.tone) * (1.0 + pattern), 0.0, 1.2)
+    row, column = _affine(gather, materials.texel_map, materials.texel_origin, px, py, d)
+    scale = gather(materials.detail_scale)
+    pattern = gather(materials.contrast) * _texel(textures, gather(materials.texture), row, column)
+    detail = _texel(textures, gather(materials.detail), row * scale, column * scale)
+    pattern = pattern + gather(materials.detail_contrast) * detail
+    albedo = jnp.clip(gather(materials.tone) * (1.0 + pattern), 0.0, 1.2)
 
-    nx, ny, nz = _normals(of, geometry.surfaces, light.relief, px, py, d, offset)
+    nx, ny, nz = _normals(gather, geometry.surfaces, light.relief, px, py, d, offset)
     lx, ly, lz = light.lamp[0] - px, light.lamp[1] - py, light.lamp[2] - pz
     squared = lx * lx + ly * ly + lz * lz
     inverse = jax.lax.rsqrt(squared)
     lx, ly, lz = lx * inverse, ly * inverse, lz * inverse
-    falloff = 2.0 / (1.0 + squared / light.reach**2)
-    received = _shadow_exponent(geometry, d)
-    blocker = interpolate(
-        shade.blocker,
-        (py - light.cast[0] * d) / shade.reach[0],
-        (px - light.cast[1] * d) / shade.reach[1],
+    falloff = 2.0 / (1.0 + squared / light.half_light_distance**2)
+    shadow = sample_bilinear(
+        shade.shadow,
+        (py - light.direction[0] * d) / shade.half_extent[0],
+        (px - light.direction[1] * d) / shade.half_extent[1],
     )
-    lit = jnp.clip(1.3 * jnp.exp(received) / blocker, 0.0, 1.0)
+    lit = jnp.clip(1.3 * jnp.exp(_shadow_exponent(geometry, d)) / shadow, 0.0, 1.0)
     lit = 1.0 - light.shadow * (1.0 - lit)
-    sunken = interpolate(shade.front, py / shade.reach[0], px / shade.reach[1]) - d
-    openness = 1.0 - light.crease * jnp.clip(sunken * light.relief / 12.0, 0.0, 1.0)
+    surroundings = sample_bilinear(
+        shade.disparity, py / shade.half_extent[0], px / shade.half_extent[1]
+    )
+    openness = 1.0 - light.crease * jnp.clip((surroundings - d) * light.relief / 12.0, 0.0, 1.0)
     facing = jnp.maximum(nx * lx + ny * ly + nz * lz, 0.0)
     lamp = light.strength * falloff * lit
     diffuse = albedo * (lamp * facing + (1.0 - light.strength) * openness)
@@ -180,10 +184,13 @@ def brightness(
     ey = light.swing * offset[0] - light.convergence * py
     inverse = jax.lax.rsqrt(ex * ex + ey * ey + light.relief**2)
     ex, ey, ez = ex * inverse, ey * inverse, light.relief * inverse
+    # Highlights are brightest where the normal is halfway between light and eye (Blinn, 1977).
     hx, hy, hz = ex + lx, ey + ly, ez + lz
     inverse = jax.lax.rsqrt(hx * hx + hy * hy + hz * hz + 1e-6)
     aligned = (nx * hx + ny * hy + nz * hz) * inverse
-    highlight = of(materials.gloss) * jnp.exp(of(materials.sharpness) * (aligned - 1.0)) * lit
+    highlight = (
+        gather(materials.gloss) * jnp.exp(gather(materials.sharpness) * (aligned - 1.0)) * lit
+    )
     # Reflections show the first texture.
     outward = 2.0 * (nx * ex + ny * ey + nz * ez)
     mirrored = _texel(
@@ -192,7 +199,7 @@ def brightness(
         160.0 * (outward * ny - ey),
         160.0 * (outward * nx - ex),
     )
-    return diffuse + highlight + of(materials.mirror) * (1.0 + mirrored) * openness
+    return diffuse + highlight + gather(materials.mirror) * (1.0 + mirrored) * openness
 
 
 def _shadow_exponent(geometry: Geometry, disparity):
@@ -200,56 +207,63 @@ def _shadow_exponent(geometry: Geometry, disparity):
 
     Larger exponents make shadows sharper at contacts, up to the overflow of single precision at 88.
     """
-    lowest, highest = geometry.limits
+    lowest, highest = geometry.disparity_range
     return 24.0 * (disparity - lowest) / (highest - lowest)
 
 
-def _normals(of, table: Quadrics, relief, px, py, d, offset):
+def _normals(gather, surfaces: Quadrics, relief, px, py, d, offset):
     """Return metric unit normals of the surfaces that are hit, towards the camera."""
-    local = [_affine(of, table.linear[:, i], table.shift[:, i], px, py, d) for i in range(3)]
-    # A point is on a face of a solid's box where a coordinate reaches half the size of the box.
-    level = of(table.constant) + of(table.slope) * local[2]
+    local = _affine(gather, surfaces.matrix, surfaces.translation, px, py, d)
+    # A point is on a face of a solid's box where a coordinate reaches the half extent.
+    level = gather(surfaces.constant) + gather(surfaces.linear) * local[2]
     for axis in range(3):
-        level = level + of(table.curvature[:, axis]) * local[axis] ** 2
-    excess = [jnp.abs(local[i]) * of(1.0 / table.half[:, i]) - 1.0 for i in range(3)]
+        level = level + gather(surfaces.quadratic[:, axis]) * local[axis] ** 2
+    excess = [jnp.abs(local[i]) * gather(1.0 / surfaces.half_extent[:, i]) - 1.0 for i in range(3)]
     most = jnp.maximum(jnp.maximum(excess[0], excess[1]), excess[2])
     on_face = most > level
     gradient = []
     for axis in range(3):
-        curved = 2.0 * of(table.curvature[:, axis]) * local[axis]
-        curved = curved + of(table.slope) if axis == 2 else curved
+        curved = 2.0 * gather(surfaces.quadratic[:, axis]) * local[axis]
+        curved = curved + gather(surfaces.linear) if axis == 2 else curved
         gradient.append(
             jnp.where(on_face, jnp.where(excess[axis] == most, local[axis], 0.0), curved)
         )
     nx, ny, nd = (
-        sum(of(table.linear[:, i, axis]) * gradient[i] for i in range(3)) for axis in range(3)
+        sum(gather(surfaces.matrix[:, i, axis]) * gradient[i] for i in range(3))
+        for axis in range(3)
     )
-    towards = nx * offset[1] + ny * offset[0] + nd
+    facing = nx * offset[1] + ny * offset[0] + nd
     nz = nd / relief
-    scale = jnp.copysign(jax.lax.rsqrt(nx * nx + ny * ny + nz * nz + 1e-20), towards)
+    scale = jnp.copysign(jax.lax.rsqrt(nx * nx + ny * ny + nz * nz + 1e-20), facing)
     return nx * scale, ny * scale, nz * scale
 
 
-def _affine(of, rows, shift, px, py, d):
-    """Return one component of an affine map, per ray."""
-    return of(rows[:, 0]) * px + of(rows[:, 1]) * py + of(rows[:, 2]) * d + of(shift)
+def _affine(gather, matrix, translation, px, py, d):
+    """Return the components of the affine map of the surface that each ray hits."""
+    return [
+        gather(matrix[:, i, 0]) * px
+        + gather(matrix[:, i, 1]) * py
+        + gather(matrix[:, i, 2]) * d
+        + gather(translation[:, i])
+        for i in range(matrix.shape[1])
+    ]
 
 
 def _texel(textures, index, row, column):
     """Interpolate bilinearly in one texture per ray, in texels; textures repeat mirrored."""
     size = textures.shape[-1]
-    whole_row, whole_column = jnp.floor(row), jnp.floor(column)
-    part_row, part_column = row - whole_row, column - whole_column
-    rows = [_mirrored(whole_row.astype(jnp.int32) + step, size) for step in (0, 1)]
-    columns = [_mirrored(whole_column.astype(jnp.int32) + step, size) for step in (0, 1)]
+    top_row, left_column = jnp.floor(row), jnp.floor(column)
+    row_fraction, column_fraction = row - top_row, column - left_column
+    rows = [_mirrored(top_row.astype(jnp.int32) + step, size) for step in (0, 1)]
+    columns = [_mirrored(left_column.astype(jnp.int32) + step, size) for step in (0, 1)]
     flat = textures.reshape(-1)
     first = index * (size * size)
     upper, lower = (
-        take_unchecked(flat, first + line * size + columns[0]) * (1.0 - part_column)
-        + take_unchecked(flat, first + line * size + columns[1]) * part_column
+        take_unchecked(flat, first + line * size + columns[0]) * (1.0 - column_fraction)
+        + take_unchecked(flat, first + line * size + columns[1]) * column_fraction
         for line in rows
     )
-    return upper * (1.0 - part_row) + lower * part_row
+    return upper * (1.0 - row_fraction) + lower * row_fraction
 
 
 def _mirrored(position, size):

@@ -158,13 +158,13 @@ def _ingredients(config, keys):
 
     geometry, materials, light = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(keys))
     walls = geometry.walls
-    present = walls.shift[:, :, 2] != -ABSENT_DISPARITY
+    present = walls.translation[:, :, 2] != -ABSENT_DISPARITY
     there = {
-        "solids": geometry.solids.half > 0.0,
+        "solids": geometry.solids.half_extent > 0.0,
         "outlines": geometry.outlines,
-        "slanted": (walls.linear[:, :, 2, :2] != 0.0).any(axis=-1) & present,
-        "curved walls": walls.curvature != 0.0,
-        "curved sheets": geometry.sheets.curvature != 0.0,
+        "slanted": (walls.matrix[:, :, 2, :2] != 0.0).any(axis=-1) & present,
+        "curved walls": walls.quadratic != 0.0,
+        "curved sheets": geometry.sheets.quadratic != 0.0,
         "texture": materials.contrast > 0.0,
         "detail": materials.detail_contrast > 0.0,
         "highlights": materials.gloss > 0.0,

@@ -12,15 +12,15 @@ LIMITS = (-3.0, 4.0)
 
 
 PLANE = {
-    "linear": np.eye(3),
-    "shift": np.zeros(3),
-    "curvature": np.zeros(3),
-    "slope": -1.0,
+    "matrix": np.eye(3),
+    "translation": np.zeros(3),
+    "quadratic": np.zeros(3),
+    "linear": -1.0,
     "constant": 0.0,
-    "half": np.full(3, 1e6),
+    "half_extent": np.full(3, 1e6),
 }
-NOWHERE = {"shift": np.array([0.0, 0.0, -1e4])}
-NO_SOLID = {"half": np.full(3, -1.0), "slope": 0.0, "constant": -1.0}
+NOWHERE = {"translation": np.array([0.0, 0.0, -1e4])}
+NO_SOLID = {"half_extent": np.full(3, -1.0), "linear": 0.0, "constant": -1.0}
 CHECKERED = (np.add.outer(np.arange(8) // 2, np.arange(8) // 2) % 2 == 0)[None]
 
 jitted_hits = jax.jit(first_hits)
@@ -43,13 +43,13 @@ def quadrics(*items):
 
 def geometry(walls=(), sheet=NOWHERE, solid=NO_SOLID):
     """A backdrop, two walls, a sheet and a solid, absent unless given: compiled once for all."""
-    backdrop = {"shift": np.array([0.0, 0.0, -LIMITS[0]])}
+    backdrop = {"translation": np.array([0.0, 0.0, -LIMITS[0]])}
     return Geometry(
         walls=quadrics(backdrop, *(*walls, NOWHERE, NOWHERE)[:2]),
         sheets=quadrics(sheet),
         outlines=jnp.asarray(CHECKERED),
         solids=quadrics(solid),
-        limits=jnp.asarray(LIMITS, jnp.float32),
+        disparity_range=jnp.asarray(LIMITS, jnp.float32),
     )
 
 
@@ -60,32 +60,36 @@ def placed(x, y, d, size, turn=0.6, tilt=0.5, relief=12.0):
         [[1, 0, 0], [0, ct, st], [0, -st, ct]]
     )
     linear = rotation @ np.diag([1.0, 1.0, relief]) / np.asarray(size)[:, None]
-    return {"linear": linear, "shift": -linear @ np.array([x, y, d])}
+    return {"matrix": linear, "translation": -linear @ np.array([x, y, d])}
 
 
-ROUND = {"slope": 0.0, "constant": -1.0, "curvature": np.ones(3), "half": np.full(3, 1.01)}
-CYLINDER = {**ROUND, "curvature": np.array([1.0, 1.0, 0.0]), "half": np.array([1.01, 1.01, 1.0])}
-BOX = {**ROUND, "curvature": np.zeros(3), "half": np.ones(3)}
+ROUND = {"linear": 0.0, "constant": -1.0, "quadratic": np.ones(3), "half_extent": np.full(3, 1.01)}
+CYLINDER = {
+    **ROUND,
+    "quadratic": np.array([1.0, 1.0, 0.0]),
+    "half_extent": np.array([1.01, 1.01, 1.0]),
+}
+BOX = {**ROUND, "quadratic": np.zeros(3), "half_extent": np.ones(3)}
 SCENES = {
     "tilted plane": geometry(
         walls=[
             {
-                "linear": np.array([[1, 0, 0], [0, 1, 0], [-0.03, 0.02, 1]]),
-                "shift": -np.array([0, 0, 0.7]),
+                "matrix": np.array([[1, 0, 0], [0, 1, 0], [-0.03, 0.02, 1]]),
+                "translation": -np.array([0, 0, 0.7]),
             }
         ]
     ),
     "bowl and dome": geometry(
         walls=[
-            {"curvature": np.array([0.004, -0.002, 0.0]), "shift": np.array([3.0, 0.0, 1.0])},
-            {"curvature": np.array([-0.01, 0.0, 0.0]), "shift": np.array([0.0, -2.0, -0.5])},
+            {"quadratic": np.array([0.004, -0.002, 0.0]), "translation": np.array([3.0, 0.0, 1.0])},
+            {"quadratic": np.array([-0.01, 0.0, 0.0]), "translation": np.array([0.0, -2.0, -0.5])},
         ]
     ),
     "flat sheet": geometry(sheet=placed(2.0, -1.0, 1.0, (9, 6, 9))),
     "bent sheet": geometry(
         sheet={
             **placed(-2.0, 1.0, 1.0, (9, 7, 9), tilt=0.9),
-            "curvature": np.array([0.8, -0.5, 0.0]),
+            "quadratic": np.array([0.8, -0.5, 0.0]),
         }
     ),
     "ellipsoid": geometry(solid={**placed(1.0, 2.0, 0.5, (8, 5, 6)), **ROUND}),
