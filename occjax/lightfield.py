@@ -150,8 +150,8 @@ def positions_around(positions: np.ndarray, view: tuple[int, int]) -> np.ndarray
     rows, columns = positions.shape[:2]
     relative = (positions - positions[view]).astype(np.float32)
     centred = relative - relative[centre_index((rows, columns))]
-    places = view_offsets(rows, columns).reshape(-1, 2)
-    step = np.linalg.lstsq(places, centred.reshape(-1, 2))[0]
+    nominal = view_offsets(rows, columns).reshape(-1, 2)
+    step = np.linalg.lstsq(nominal, centred.reshape(-1, 2))[0]
     regular = view_offsets(2 * rows - 1, 2 * columns - 1) @ step
     return grid_around(relative, view, missing=regular)
 

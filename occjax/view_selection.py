@@ -119,12 +119,12 @@ def is_grid(offsets: np.ndarray, tolerance: float = 0.25) -> bool:
         >>> is_grid(np.random.default_rng(0).normal(size=(3, 5, 2)))
         False
     """
-    places = view_offsets(*offsets.shape[:2])
+    regular = view_offsets(*offsets.shape[:2])
     for axis in (0, 1):
-        place, offset = places[..., axis], offsets[..., axis]
-        if place.any():
-            step = np.median(offset[place != 0] / place[place != 0])
-            distance = np.abs(offset - step * place) / max(abs(step), np.finfo(np.float32).tiny)
+        nominal, offset = regular[..., axis], offsets[..., axis]
+        if nominal.any():
+            step = np.median(offset[nominal != 0] / nominal[nominal != 0])
+            distance = np.abs(offset - step * nominal) / max(abs(step), np.finfo(np.float32).tiny)
         else:
             distance = np.abs(offset) / max(np.abs(offsets).max(), 1.0)
         if np.quantile(distance, 0.75) > tolerance:

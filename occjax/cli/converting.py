@@ -12,7 +12,7 @@ from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 from occjax.cli.options import CameraOptions, ViewOrderOptions, choice, option
 from occjax.errors import InputError
 from occjax.io import Map, read_map, write_map, write_normals
-from occjax.io.files import reading
+from occjax.io.files import read_errors
 from occjax.io.hci_config import PARAMETERS, read_hci_config
 from occjax.io.maps import MAP_SUFFIXES, SUMMARY, UNITS, Quantity, view_of_map
 from occjax.lightfield import Calibration, view_name
@@ -163,7 +163,7 @@ def _check_target(
         )
     if picture and suffix != ".png":
         raise InputError(f"{target}: a picture is a .png; change the suffix or leave out --picture")
-    with reading(target):
+    with read_errors(target):
         exists, is_folder = target.exists(), target.is_dir()
         is_source = exists and source.exists() and target.samefile(source)
     if is_folder:
@@ -203,8 +203,8 @@ def _read_camera(
             "leave out --parameters, --scene and the options of the camera"
         )
     folder = source if source.is_dir() else source.parent
-    places = [place / PARAMETERS for place in (scene, folder) if place is not None]
-    path = parameters or next((place for place in places if place.is_file()), None)
+    nearby = [path / PARAMETERS for path in (scene, folder) if path is not None]
+    path = parameters or next((path for path in nearby if path.is_file()), None)
     stored = None
     if path is not None:
         stored = _read_parameters(path, content)

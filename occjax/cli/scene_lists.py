@@ -56,7 +56,7 @@ def listed_scenes(
         scenes += tuple(Path(line) for line in stripped if line and not line.startswith("#"))
     found = [path for scene in scenes for path in _matches(scene)]
     if expand_folders:
-        found = [path for place in found for path in _scenes_in(place, grid)]
+        found = [scene for path in found for scene in _scenes_in(path, grid)]
     if not found:
         raise InputError(f"{scenes_from}: lists no scene; write one path on each line")
     return tuple(dict.fromkeys(found))
@@ -70,10 +70,10 @@ def folder_names(scenes: tuple[Path, ...]) -> dict[Path, str]:
         if scene.resolve() in seen:
             continue
         seen.add(scene.resolve())
-        place = Path(os.path.abspath(scene))  # a link keeps its own name
-        own = (place.stem if place.is_file() else place.name) or "root"
-        candidates = [own, place.name.replace(".", "_")]
-        parents = place.parts[1:-1]
+        path = Path(os.path.abspath(scene))  # a link keeps its own name
+        own = (path.stem if path.is_file() else path.name) or "root"
+        candidates = [own, path.name.replace(".", "_")]
+        parents = path.parts[1:-1]
         candidates += ["_".join([*parents[-depth:], own]) for depth in range(1, len(parents) + 1)]
         candidates += [f"{own}_{number}" for number in range(2, len(scenes) + 2)]
         names[scene] = next(name for name in candidates if name and name not in names.values())
@@ -107,19 +107,19 @@ def _matches(scene: Path) -> list[Path]:
     return sorted(found, key=natural_order)
 
 
-def _scenes_in(place: Path, grid: tuple[int, int] | None) -> list[Path]:
+def _scenes_in(path: Path, grid: tuple[int, int] | None) -> list[Path]:
     """Return the scenes in a folder of scenes; any other path is a scene itself."""
-    if not place.is_dir():
-        return [place]
-    entries = [entry for entry in place.iterdir() if not entry.name.startswith(".")]
+    if not path.is_dir():
+        return [path]
+    entries = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
     files = [entry for entry in entries if entry.is_file()]
     if any(file.suffix.lower() in IMAGE_SUFFIXES for file in files):
-        return [place]
+        return [path]
     folders = [entry for entry in entries if entry.is_dir()]
-    if len(folders) > 1 and grid is None and _hold_parts(folders) and subfolder_patterns(place):
-        return [place]
+    if len(folders) > 1 and grid is None and _hold_parts(folders) and subfolder_patterns(path):
+        return [path]
     arrays = [file for file in files if file.suffix.lower() in ARRAY_SUFFIXES]
-    return sorted(folders or arrays, key=natural_order) or [place]
+    return sorted(folders or arrays, key=natural_order) or [path]
 
 
 def _hold_parts(folders: list[Path]) -> bool:

@@ -256,16 +256,16 @@ class SceneSteps:
 
 def _write_video(folder: Path, rows: list[Row], fps: float) -> None:
     """Write the video of all frames; a failed frame is replaced by the frame before it."""
-    places: list[Path] = []
+    folders: list[Path] = []
     for entry in rows:
         if entry["error"] is None:
-            places.append(folder / entry["scene"])
-        elif places:
-            places.append(places[-1])
-    if places:
+            folders.append(folder / entry["scene"])
+        elif folders:
+            folders.append(folders[-1])
+    if folders:
         path = folder / "disparity.mp4"
-        write_disparity_video(path, places, frames_per_second=fps)
-        print(f"video: {len(places)} frames written to {path}")
+        write_disparity_video(path, folders, frames_per_second=fps)
+        print(f"video: {len(folders)} frames written to {path}")
 
 
 def result_text(name: str, estimate: Estimate, outputs: Outputs) -> str:

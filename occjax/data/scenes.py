@@ -13,7 +13,7 @@ from tqdm import tqdm
 from occjax.data.samples import LightFieldSample, numpy_sample
 from occjax.errors import InputError
 from occjax.io import load, read_image
-from occjax.io.files import reading
+from occjax.io.files import read_errors
 from occjax.io.hci_config import GROUND_TRUTH
 from occjax.lightfield import to_unit_float
 from occjax.view_selection import ViewSelection, select_from_grid
@@ -105,7 +105,7 @@ def _find_scenes(folder: Path) -> list[Path]:
     """Return the folder itself if it is a scene, else the scenes that it contains."""
     if (folder / GROUND_TRUTH).is_file():
         return [folder]
-    with reading(folder):
+    with read_errors(folder):
         inner = sorted(path.parent for path in folder.glob(f"*/{GROUND_TRUTH}"))
         folder.stat()  # an error if the folder is missing, in which glob finds nothing
     if not inner:

@@ -83,8 +83,8 @@ class ProposalEstimator(ModelEstimator):
         ):
             limits = (float(candidates[0]), float(candidates[-1]))
         # Only the selected views are converted: grey of all views takes time.
-        places = [divmod(int(index), light_field.grid[1]) for index in selected]
-        grey = np.stack([brightness.grey(light_field, *place) for place in places])
+        selected_views = [divmod(int(index), light_field.grid[1]) for index in selected]
+        grey = np.stack([brightness.grey(light_field, *view) for view in selected_views])
         motion = max(-low, high) * float(np.abs(offsets[..., 0]).max())
         strips = plan_strips(
             light_field.image_size, len(selected), len(candidates), motion, self.config

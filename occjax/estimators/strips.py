@@ -39,12 +39,12 @@ class Strips(NamedTuple):
 
     Attributes:
         rows: ``[s, n]`` rows of each strip.
-        places: ``[2, h]`` strip, and row within the strip, that each row of the result is taken
+        sources: ``[2, h]`` strip, and row within the strip, that each row of the result is taken
             from.
     """
 
     rows: Int[Array | np.ndarray, "s n"]
-    places: Int[Array | np.ndarray, "2 h"]
+    sources: Int[Array | np.ndarray, "2 h"]
 
 
 def plan_strips(
@@ -111,12 +111,12 @@ def map_strips(
         The maps ``[h, w]``.
 
     Example:
-        >>> rows, places = [[0, 1, 2], [1, 2, 3]], [[0, 0, 1, 1], [0, 1, 1, 2]]
-        >>> strips = Strips(np.array(rows), np.array(places))
+        >>> rows, sources = [[0, 1, 2], [1, 2, 3]], [[0, 0, 1, 1], [0, 1, 1, 2]]
+        >>> strips = Strips(np.array(rows), np.array(sources))
         >>> views = jnp.arange(8.0).reshape(1, 1, 4, 2)
         >>> map_strips(lambda part: part[0, 0], views, strips)[:, 0].tolist()
         [0.0, 2.0, 4.0, 6.0]
     """
-    strip, row = strips.places
+    strip, row = strips.sources
     maps = jax.lax.map(lambda rows: function(views[:, :, rows]), jnp.asarray(strips.rows))
     return jax.tree.map(lambda parts: parts[strip, row], maps)

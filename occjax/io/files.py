@@ -15,7 +15,7 @@ from occjax.io.limits import ReadLimits
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
+def read_errors(path: Path) -> Iterator[None]:
     """Turn errors of the operating system on reading ``path`` into an :class:`InputError`.
 
     Args:
@@ -25,7 +25,7 @@ def reading(path: Path) -> Iterator[None]:
         InputError: If ``path`` is missing, not readable, or not a file.
 
     Example:
-        >>> with reading(Path("nowhere.pfm")):
+        >>> with read_errors(Path("nowhere.pfm")):
         ...     data = Path("nowhere.pfm").read_bytes()
         Traceback (most recent call last):
         ...
@@ -102,7 +102,7 @@ def decoding(
         The file, at its start. The body should contain nothing but the call of the decoder.
 
     Raises:
-        InputError: As :func:`reading` and :func:`decoder_errors`, and if the file is no regular
+        InputError: As :func:`read_errors` and :func:`decoder_errors`, and if the file is no regular
             file, empty or too large.
 
     Example:
@@ -114,7 +114,7 @@ def decoding(
     """
     with (
         decoder_errors(path, what, remedy=remedy),
-        reading(path),
+        read_errors(path),
         open(path, "rb", opener=_open_without_waiting) as file,
     ):
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):

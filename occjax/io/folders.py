@@ -16,7 +16,7 @@ import numpy as np
 from occjax.errors import InputError
 from occjax.io.arrays import check_ground_truth, check_views, read_npy
 from occjax.io.config import ReadingConfig
-from occjax.io.files import reading
+from occjax.io.files import read_errors
 from occjax.io.hci_config import GROUND_TRUTH, PARAMETERS, HciConfig, read_hci_config
 from occjax.io.hdr import tone_mapped
 from occjax.io.images import IMAGE_SUFFIXES, read_image
@@ -28,7 +28,7 @@ from occjax.io.naming.patterns import is_in_subfolders
 from occjax.io.pfm import read_pfm
 from occjax.io.positions import gantry_grid, read_positions
 from occjax.io.view_files import ViewFiles
-from occjax.layout.readings import best_reading, places
+from occjax.layout.hypotheses import best_hypothesis, row_major_offsets
 from occjax.lightfield import LightField, centre_index
 
 Progress = Callable[[int, int], None]
@@ -87,18 +87,18 @@ def read_folder(
     if (other := named.other_grid) and positions is None:
         # The names fit two grids, such as 1x16 and 4x4, with the views in the same order.
         line = views.reshape(-1, *views.shape[2:])
-        best = best_reading(line, [places(named.grid), places(other)])
+        best = best_hypothesis(line, [row_major_offsets(named.grid), row_major_offsets(other)])
         if best.number == 1 and best.clear:
-            named = named.regrouped(other)
+            named = dataclasses.replace(named.regrouped(other), guessed=True)
             views = line.reshape(*named.grid, *line.shape[1:])
             present = present.reshape(named.grid)
         elif best.number == 1 or best.alike:
-            doubt = f"{named.guess or ''}, though {other[0]}x{other[1]} fits about as well"
-            named = dataclasses.replace(named, guess=doubt)
-    if named.guess is not None:
+            note = f"{named.guess_note}, though {other[0]}x{other[1]} fits about as well"
+            named = dataclasses.replace(named, guessed=True, guess_note=note)
+    if named.guessed:
         warnings.warn(
             f"{folder}: {math.prod(named.grid)} views taken as {named.grid[0]}x{named.grid[1]}"
-            f"{named.guess}; pass grid (--grid V U) if that is wrong",
+            f"{named.guess_note}; pass grid (--grid V U) if that is wrong",
             GridWarning,
             stacklevel=2,
         )
@@ -122,7 +122,7 @@ def read_folder(
 
 def _file_names(folder: Path, *, nested: bool) -> list[str]:
     """Return the relative paths of the visible files in a folder; nested, also in subfolders."""
-    with reading(folder):
+    with read_errors(folder):
         if nested:
             below = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
             visible = [path for path in below if not any(p.startswith(".") for p in path.parts)]
@@ -150,7 +150,7 @@ def subfolder_patterns(folder: Path) -> list[str]:
     Args:
         folder: Folder whose sub-folders may hold the views of one light field.
     """
-    with reading(folder):
+    with read_errors(folder):
         files = (path.relative_to(folder).as_posix() for path in folder.glob("*/*"))
         names = [name for name in files if not name.startswith(".") and "/." not in name]
     return fitting_patterns([name for name in names if name.lower().endswith(IMAGE_SUFFIXES)])
@@ -159,7 +159,7 @@ def subfolder_patterns(folder: Path) -> list[str]:
 def _read_config(folder: Path) -> HciConfig | None:
     """Read the camera parameters of an HCI scene, if the folder has them."""
     path = folder / PARAMETERS
-    with reading(folder):
+    with read_errors(folder):
         present = path.is_file()
     return read_hci_config(path) if present else None
 

@@ -10,7 +10,7 @@ from occjax.errors import InputError
 from occjax.io.naming import GridWarning
 from occjax.io.view_files import ViewFiles
 from occjax.layout import ORIENTATIONS, Orientation, ViewOrderReport
-from occjax.layout.readings import best_reading, places
+from occjax.layout.hypotheses import best_hypothesis, row_major_offsets
 from occjax.lightfield import LightField, view_offsets
 
 
@@ -57,15 +57,15 @@ def refuse_video_frames(
             continue
         name = f"{sample.string[: sample.start(camera)]}{{i}}{sample.string[sample.end(camera) :]}"
         v, u = cameras
-        reading = f"{len(frames)} frames of {v}x{u} views"
+        what = f"{len(frames)} frames of {v}x{u} views"
         one = f"pattern (--pattern {name!r}{'' if v == u else f' --grid {v} {u}'})"
         if clear:
             raise InputError(
-                f"{files.folder}: has {reading}, judged by photo-consistency; to read one frame, "
+                f"{files.folder}: has {what}, judged by photo-consistency; to read one frame, "
                 f"pass {one}; to read all files as one light field, pass {option}"
             )
         warnings.warn(
-            f"{files.folder}: read as one {rows}x{columns} grid, but {reading} are about as "
+            f"{files.folder}: read as one {rows}x{columns} grid, but {what} are about as "
             f"photo-consistent; to read one frame, pass {one}; to confirm the grid, pass {option}",
             GridWarning,
             stacklevel=4,
@@ -101,8 +101,8 @@ def _camera_grid_of_frames(
     if grids and present[middle].all():
         # Both middle frames must agree, so that one swapped view cannot decide. If the views are a
         # grid, its middle rows have the least vignetting.
-        readings = [offsets[count // 2], *map(places, grids)]
-        found = [best_reading(frame, readings) for frame in frames[middle]]
+        hypotheses = [offsets[count // 2], *map(row_major_offsets, grids)]
+        found = [best_hypothesis(frame, hypotheses) for frame in frames[middle]]
         if all(best.number > 0 or best.alike for best in found):
             number = max(1, *(best.number for best in found))
             return grids[number - 1], all(best.number > 0 and best.clear for best in found)
@@ -110,9 +110,9 @@ def _camera_grid_of_frames(
     if present[near_centre].all():
         views = frames[near_centre].reshape(-1, *frames.shape[2:])
         grid = offsets[near_centre].reshape(-1, 2)
-        # A row of cameras that are in the same places in all frames.
+        # A row of cameras that are at the same positions in all frames.
         static = grid * (np.ptp(offsets[0], axis=0) > 0)
-        best = best_reading(views, [grid, static])
+        best = best_hypothesis(views, [grid, static])
         if best.number == 1:
             return (1, cameras), best.clear
     return None, False

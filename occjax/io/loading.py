@@ -14,7 +14,7 @@ from occjax.errors import InputError, check_one_of, check_whole_pair
 from occjax.io.arrays import read_arrays
 from occjax.io.consistency import ground_truth_mismatch
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
-from occjax.io.files import reading
+from occjax.io.files import read_errors
 from occjax.io.folders import Progress, read_folder
 from occjax.io.frames import refuse_video_frames
 from occjax.io.hdr import tone_mapped
@@ -97,7 +97,7 @@ def load(
         ViewOrderWarning: If another view order is clearly better, none is consistent, or the ground
             truth is upside down, mirrored or has the opposite sign.
         GridWarning: If the grid, the pattern of the names or the order of axes is guessed, if the
-            images allow another reading of them, if views are missing, or if the positions in an
+            images also fit another arrangement, if views are missing, or if the positions in an
             ``.npz`` seem not to be in view steps.
         UserWarning: If views of high dynamic range are tone-mapped.
 
@@ -111,7 +111,7 @@ def load(
     path = Path(path)
     check_options(layout, grid, order, flip, spacing, views, max_disparity)
     declared = declared_orientation(order, flip)
-    with reading(path):
+    with read_errors(path):
         path.stat()
     stored, files = _read(path, cast(Layout | None, layout), pattern, grid, key, progress)
     mosaic = files is None and path.suffix.lower() in IMAGE_SUFFIXES

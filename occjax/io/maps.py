@@ -13,7 +13,7 @@ from PIL import Image
 from occjax.errors import InputError
 from occjax.io.arrays import read_npy
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
+from occjax.io.files import read_errors
 from occjax.io.images import read_image
 from occjax.io.pfm import read_pfm, write_pfm
 from occjax.io.png import read_value_png, write_value_png
@@ -67,7 +67,7 @@ def map_of_results(folder: Path, *, accepted: str = RESULTS) -> Path:
         InputError: If there is none. The message says whether the results were saved without maps,
             or lie in folders inside of this one.
     """
-    with reading(folder):
+    with read_errors(folder):
         folder.stat()
     path = folder / "disparity.pfm"
     if path.is_file():
@@ -139,7 +139,7 @@ def read_map(
         ('depth', [[1.0, 2.0]])
     """
     path = Path(path)
-    with reading(path):
+    with read_errors(path):
         path.stat()
     if path.is_dir():
         path = map_of_results(path, accepted=f"{RESULTS} or a {MAP_FILE}")

@@ -20,7 +20,7 @@ from occjax.io.config import ReadingConfig
 from occjax.io.images import read_image
 from occjax.io.layouts import Mosaic
 from occjax.io.naming import GridWarning
-from occjax.layout.readings import best_reading, places
+from occjax.layout.hypotheses import best_hypothesis, row_major_offsets
 from occjax.lightfield import MIN_VIEW_SIZE_PX, to_grey
 
 
@@ -96,9 +96,9 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
 def _is_quilt(views: np.ndarray) -> bool:
     """Return whether tiles are one row of views, from the bottom left one, rather than a grid."""
     rows, columns = views.shape[:2]
-    line = places((1, rows * columns)).reshape(rows, columns, 2)[::-1].reshape(-1, 2)
+    line = row_major_offsets((1, rows * columns)).reshape(rows, columns, 2)[::-1].reshape(-1, 2)
     tiles = views.reshape(-1, *views.shape[2:])
-    best = best_reading(tiles, [places((rows, columns)), line])
+    best = best_hypothesis(tiles, [row_major_offsets((rows, columns)), line])
     return best.number == 1 and best.clear
 
 

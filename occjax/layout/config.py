@@ -98,8 +98,8 @@ class ViewOrderConfig:
     Attributes:
         view_steps: Distances from the centre view, in views, of the views that are compared on each
             arm of the cross. Near views allow large disparities, far views give precision.
-        nearest_views: Number of views next to the centre view that are compared under each reading
-            of the places of the views.
+        nearest_views: Number of views next to the centre view that are compared under each
+            hypothesis on the arrangement of the views.
         coarse_size_px: Maximum length of the shorter image side in the search over all disparities.
         fine_size_px: Maximum length of the shorter image side in the final measurement.
         brightness_percentile: Percentile of the grey values of the centre view that is its
@@ -123,8 +123,9 @@ class ViewOrderConfig:
         noise_floor: Mean grey differences that differ by less than this count as equal.
         clearly_worse_ratio: Ratio of two mean grey differences above which one is clearly worse.
             Correct and wrong view orders of real light fields differ by factors of 1.4 to 4.
-        alike_ratio: Ratio of two mean grey differences below which both readings of the names of
-            the views are possible. Real light fields reach at least 1.1 for the wrong one.
+        alike_ratio: Ratio of two mean grey differences below which both arrangements that the
+            names of the views allow are possible. Real light fields reach at least 1.1 for the
+            wrong one.
         window_radii_px: Radii of the additional mean of the cost in which disparities are measured.
             Weak texture needs large windows, thin surfaces need small ones.
         clear_minimum: Ratio of lowest to mean cost below which a disparity is reliable, whatever

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 from occjax.layout.config import ViewOrderConfig
+from occjax.layout.hypotheses import best_hypothesis
 from occjax.layout.orientation import Orientation, straightened
-from occjax.layout.readings import best_reading
 from occjax.lightfield import LightField, centre_index, view_offsets
 
 Disorder = Literal["serpentine", "centre", "grid"]
@@ -63,10 +63,10 @@ def is_serpentine(light_field: LightField, best: Orientation, config: ViewOrderC
         swapped = regular[..., ::-1] if best.swap else regular
         orders.append(np.where([best.flip_rows, best.flip_columns], -swapped, swapped))
     orders.append(straightened(regular))
-    reading = best_reading(
+    found = best_hypothesis(
         light_field.views.reshape(-1, *light_field.views.shape[2:]),
         [order.reshape(-1, 2) for order in orders],
         config,
         usable=None if usable is None else usable.reshape(-1),
     )
-    return reading.clear and reading.number == len(orders) - 1
+    return found.clear and found.number == len(orders) - 1

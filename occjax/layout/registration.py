@@ -1,7 +1,7 @@
 """Shift and camera position of each view, measured against the disparity map of the centre view.
 
 View ``k`` shows the point ``x`` of the centre view at ``x - d(x) p_k + s_k``. In a regular grid
-``p_k`` is the place of the view in the grid and the shift ``s_k`` is zero. A rotated camera or a
+``p_k`` is the offset of the view in the grid and the shift ``s_k`` is zero. A rotated camera or a
 wrong crop changes ``s_k``, a camera that is not where it should be changes ``p_k``.
 
 Lucas-Kanade steps on reduced images, from coarse to fine, alternate: they improve all ``s_k`` and
@@ -114,7 +114,7 @@ class Registration:
         """Return the corrections relative to another view, which becomes the centre view.
 
         Args:
-            view: ``(v, u)``, index of that view. Its content keeps its place; that of the others is
+            view: ``(v, u)``, index of that view. Its content is not moved; that of the others is
                 moved to fit.
         """
         positions, shifts = self.positions, self.shifts
@@ -130,10 +130,10 @@ class Registration:
 
 def _views(chosen: np.ndarray) -> str:
     """Name the chosen views of ``[V, U]`` if they are few, else count them."""
-    places = [f"({v}, {u})" for v, u in np.argwhere(chosen)]
-    if len(places) > 4:
-        return f"{len(places)} of {chosen.size} views are"
-    return f"view{'s' * (len(places) > 1)} {', '.join(places)} {'are' if len(places) > 1 else 'is'}"
+    names = [f"({v}, {u})" for v, u in np.argwhere(chosen)]
+    if len(names) > 4:
+        return f"{len(names)} of {chosen.size} views are"
+    return f"view{'s' * (len(names) > 1)} {', '.join(names)} {'are' if len(names) > 1 else 'is'}"
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,8 @@ def register(
     settings = config.registration
     grid = light_field.grid
     positions = light_field.positions
-    nominal = view_offsets(*grid, column_spacing=spacing or 1.0) if positions is None else positions
-    places = nominal.reshape(-1, 2).astype(np.float64)
+    regular = view_offsets(*grid, column_spacing=spacing or 1.0) if positions is None else positions
+    nominal = regular.reshape(-1, 2).astype(np.float64)
     usable = brightness.usable
     images = np.stack(
         [
@@ -199,11 +199,11 @@ def register(
     chosen = usable.reshape(-1)
     before_centre = chosen[: np.ravel_multi_index(centre_index(grid), grid)]
     centre = np.array(np.count_nonzero(before_centre), np.int32)
-    views = _Views(places[chosen], centre, positions is None, scale, settings)
+    views = _Views(nominal[chosen], centre, positions is None, scale, settings)
 
     state = _State(
         (median_filter(disparity) / scale).astype(np.float32),
-        places[chosen],
+        nominal[chosen],
         np.zeros((len(images), 2)),
         np.zeros((len(images), 2)),
         np.zeros(len(images)),
@@ -222,13 +222,13 @@ def register(
 
 @dataclass(frozen=True)
 class _Views:
-    """The usable views: nominal places ``[n, 2]``, index of the centre view, settings.
+    """The usable views: nominal positions ``[n, 2]``, index of the centre view, settings.
 
     ``free`` is False if the positions were declared: only shifts are measured then. ``scale`` is
     the number of pixels of the light field per pixel of the images at the finest resolution.
     """
 
-    places: np.ndarray
+    nominal: np.ndarray
     centre: np.ndarray
     free: bool
     scale: int
@@ -259,7 +259,7 @@ class _Views:
         """Return the fraction by which the corrections lower the loss of each view."""
         filtered, residual_scale = self._filtered(images)
         regular = replace(
-            state, positions=self.places * self._stretch(state), shifts=np.zeros_like(state.shifts)
+            state, positions=self.nominal * self._stretch(state), shifts=np.zeros_like(state.shifts)
         )
         after, before = (
             np.asarray(
@@ -363,8 +363,8 @@ class _Views:
         positions = state.positions + position_change
         shifts[self.centre] = positions[self.centre] = 0.0
         # These changes of all views at once are equivalent to a change of the disparity map.
-        factor = _common_factor(self.places, positions) if self.free else 1.0
-        constant = _common_factor(self.places, self.places + shifts) - 1.0
+        factor = _common_factor(self.nominal, positions) if self.free else 1.0
+        constant = _common_factor(self.nominal, self.nominal + shifts) - 1.0
         return _State(
             (state.disparity - np.float32(constant)) * np.float32(factor),
             positions / factor,
@@ -378,7 +378,7 @@ class _Views:
 
         Farther views see more of what is hidden from the centre view.
         """
-        distance = np.linalg.norm(self.places, axis=-1)
+        distance = np.linalg.norm(self.nominal, axis=-1)
         others = np.arange(len(distance)) != self.centre
         if others.sum() < 5:  # Too few to say what is usual.
             return np.ones(len(distance))
@@ -389,18 +389,18 @@ class _Views:
     def _stretch(self, state: _State) -> np.ndarray:
         """Return ``[2]`` factors of the nominal spacing: 1 of rows, the relative one of columns."""
         stretch = [
-            _common_factor(self.places[:, [axis]], state.positions[:, [axis]]) for axis in (0, 1)
+            _common_factor(self.nominal[:, [axis]], state.positions[:, [axis]]) for axis in (0, 1)
         ]
         return np.array(stretch) / stretch[0]
 
     def _deviations(self, state: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return how the views deviate from their nominal places.
+        """Return how the views deviate from their nominal positions.
 
         Returns:
             ``[n, 2]`` shift at the mean disparity, in pixels of the light field; ``[n]`` whether
             noise cannot explain the shift; ``[n]`` whether the camera is clearly not at its place.
         """
-        change = state.positions - self.places * self._stretch(state)
+        change = state.positions - self.nominal * self._stretch(state)
         shift = state.shifts - float(state.disparity.mean()) * change
         significant = np.any(np.abs(shift) > self.settings.significance * state.error, axis=-1)
         effect = self.scale * float(state.disparity.std()) * np.abs(change).max(-1)
@@ -412,19 +412,19 @@ def _single(state: _State) -> tuple[np.ndarray, np.ndarray]:
     return state.positions.astype(np.float32), state.shifts.astype(np.float32)
 
 
-def _common_factor(places: np.ndarray, positions: np.ndarray) -> float:
-    """Return the factor of all places that comes closest to the positions, robust to outliers.
+def _common_factor(nominal: np.ndarray, positions: np.ndarray) -> float:
+    """Return the factor that brings nominal positions closest to others, robust to outliers.
 
     It minimises the sum of the distances (not squared), by iteratively reweighted least squares.
     """
-    weight = np.ones(len(places))
+    weight = np.ones(len(nominal))
     factor = 1.0
     for _ in range(20):
-        total = np.sum(weight[:, None] * places**2)
+        total = np.sum(weight[:, None] * nominal**2)
         if total == 0.0:
             return 1.0
-        factor = float(np.sum(weight[:, None] * places * positions) / total)
-        distance = np.linalg.norm(positions - factor * places, axis=-1)
+        factor = float(np.sum(weight[:, None] * nominal * positions) / total)
+        distance = np.linalg.norm(positions - factor * nominal, axis=-1)
         weight = 1.0 / np.maximum(distance, 0.02)
     return factor
 

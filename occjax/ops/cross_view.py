@@ -149,10 +149,9 @@ def cross_view_counts(
 
 
 def _neighbours(grid: tuple[int, int], radius: int) -> np.ndarray:
-    """Return ``[v u, n]`` indices of the views around each view; -1 for places without a view."""
-    reach = np.arange(-radius, radius + 1)
-    steps = np.stack(np.meshgrid(reach, reach, indexing="ij"), -1).reshape(-1, 2)
+    """Return ``[v u, n]`` indices of the views around each view; -1 where the grid has no view."""
+    steps = np.indices((2 * radius + 1,) * 2).reshape(2, -1).T - radius
     steps = steps[np.any(steps != 0, axis=-1)]
-    places = np.indices(grid).reshape(2, -1).T[:, None] + steps
-    inside = np.all((places >= 0) & (places < grid), axis=-1)
-    return np.where(inside, places[..., 0] * grid[1] + places[..., 1], -1).astype(np.int32)
+    neighbours = np.indices(grid).reshape(2, -1).T[:, None] + steps
+    inside = np.all((neighbours >= 0) & (neighbours < grid), axis=-1)
+    return np.where(inside, neighbours[..., 0] * grid[1] + neighbours[..., 1], -1).astype(np.int32)

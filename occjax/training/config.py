@@ -230,7 +230,7 @@ class PatchConfig:
     """Choice of the patches that are cut out of prepared light fields.
 
     Attributes:
-        draws: Number of random places for a patch, of which the one with the most correctable
+        draws: Number of random positions for a patch, of which the one with the most correctable
             pixels is used; for the residual, with the most wrong pixels.
         correctable_error: Error threshold in pixels per view step: above it a pixel counts as
             wrong, below it a proposal counts as correct.
@@ -240,7 +240,7 @@ class PatchConfig:
     correctable_error: float = 0.05
 
     def __post_init__(self) -> None:
-        """Check the number of places."""
+        """Check the number of positions."""
         _check_positive(self, "data.patches.", "draws")
 
 

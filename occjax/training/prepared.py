@@ -314,7 +314,7 @@ def random_patch(
         sample: NumPy arrays, without a batch axis.
         offsets: Offsets ``(row, column)`` of the proposing neighbours, in pixels.
         augmentation: Its crop, flips and turns.
-        config: Choice of the place.
+        config: Choice of the position.
 
     Raises:
         InputError: If the light field is smaller than the crop.

@@ -87,11 +87,11 @@ def spread(offsets: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
     """
     if chosen.size <= count:
         return chosen
-    places = offsets[chosen].astype(np.float64)
-    order = [int(np.argmin(np.square(places).sum(-1)))]
+    candidates = offsets[chosen].astype(np.float64)
+    order = [int(np.argmin(np.square(candidates).sum(-1)))]
     distance = np.full(chosen.size, np.inf)
     while len(order) < count:
-        step = np.square(places - places[order[-1]]).sum(-1)
+        step = np.square(candidates - candidates[order[-1]]).sum(-1)
         distance = np.minimum(distance, step)
         order.append(int(np.argmax(distance)))
     return chosen[order]

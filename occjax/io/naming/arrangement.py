@@ -30,35 +30,37 @@ class NamedViews:
     Attributes:
         grid: ``(V, U)``.
         matches: Matched file name of each view that is there, by its index ``(v, u)`` from zero.
-        other_grid: ``(V, U)`` of a second reading of the names, row by row in the same order: one
-            row of views may also be a square whose views are numbered. None if there is only one.
-        guess: If the grid was guessed from the number of views, the end of the warning (empty, or
-            how the views are ordered); else None.
+        other_grid: ``(V, U)`` of a second grid that the names allow, row by row in the same order:
+            one row of views may also be a square whose views are numbered. None if there is none.
+        guessed: Whether the grid was guessed from the number of views.
+        guess_note: What the warning of a guess adds to the grid: how the views are ordered, or that
+            the other grid fits about as well. Empty if nothing.
         missing: File name that each view that is not there would have, by its index.
     """
 
     grid: tuple[int, int]
     matches: dict[tuple[int, int], re.Match[str]]
     other_grid: tuple[int, int] | None = None
-    guess: str | None = None
+    guessed: bool = False
+    guess_note: str = ""
     missing: dict[tuple[int, int], str] = field(default_factory=dict)
 
     def regrouped(self, grid: tuple[int, int]) -> NamedViews:
         """Return the same views, row by row in the same order, as another grid."""
         ordered = [self.matches[index] for index in sorted(self.matches)]
         matches = {divmod(k, grid[1]): match for k, match in enumerate(ordered)}
-        return NamedViews(grid, matches, guess=self.guess or "")
+        return NamedViews(grid, matches, guess_note=self.guess_note)
 
     def reordered(self, order: np.ndarray) -> NamedViews:
         """Return the same views in another order.
 
         Args:
             order: ``[V, U]`` number, counted row by row in the present grid, of the view at each
-                place of the new grid.
+                index of the new grid.
         """
-        places = {divmod(int(k), self.grid[1]): index for index, k in np.ndenumerate(order)}
-        matches = {places[index]: match for index, match in self.matches.items()}
-        missing = {places[index]: name for index, name in self.missing.items()}
+        moved = {divmod(int(k), self.grid[1]): index for index, k in np.ndenumerate(order)}
+        matches = {moved[index]: match for index, match in self.matches.items()}
+        missing = {moved[index]: name for index, name in self.missing.items()}
         return NamedViews(order.shape, matches, missing=missing)
 
 
@@ -103,7 +105,8 @@ def arrange_by_number(
             (rows, columns),
             {divmod(k, columns): match for k, match in ordered},
             other_grid=None if certain else (1, present),
-            guess=None if certain else gaps,
+            guessed=not certain,
+            guess_note="" if certain else gaps,
         )
     if symmetric:
         first = symmetric[0]
@@ -151,7 +154,7 @@ def arrange_by_row_and_column(
     """
     indices = [(index_value(match["v"]), index_value(match["u"])) for match in matches]
     by_index = _by_key(folder, list(zip(indices, matches, strict=True)))
-    rows, columns = (_places(sorted(set(values))) for values in zip(*by_index, strict=True))
+    rows, columns = (_without_gaps(sorted(set(values))) for values in zip(*by_index, strict=True))
     found = (_count(rows), _count(columns))
     one_line = 1 in found and math.prod(found) == len(by_index)
     shape = grid or found
@@ -177,8 +180,8 @@ def arrange_by_row_and_column(
                 "name one grid only, or pass pattern (--pattern)"
             )
     rows, columns = (
-        _extended(places, margin // 2)
-        for places, margin in zip((rows, columns), margins, strict=True)
+        _extended(numbers, margin // 2)
+        for numbers, margin in zip((rows, columns), margins, strict=True)
     )
     placed = {(rows.index(v), columns.index(u)): match for (v, u), match in by_index.items()}
     named = NamedViews((len(rows), len(columns)), placed)
@@ -232,21 +235,21 @@ def _check_present(folder: str, present: int, grid: tuple[int, int]) -> None:
         )
 
 
-def _places(indices: list[int]) -> range:
+def _without_gaps(numbers: list[int]) -> range:
     """Return all row or column numbers: a constant step is kept, gaps are filled."""
-    steps = {after - before for before, after in itertools.pairwise(indices)}
-    return range(indices[0], indices[-1] + 1, steps.pop() if len(steps) == 1 else 1)
+    steps = {after - before for before, after in itertools.pairwise(numbers)}
+    return range(numbers[0], numbers[-1] + 1, steps.pop() if len(steps) == 1 else 1)
 
 
-def _count(places: range) -> int:
+def _count(numbers: range) -> int:
     """Return the length of a range of any numbers; ``len`` fails for large ones."""
-    return (places[-1] - places[0]) // places.step + 1
+    return (numbers[-1] - numbers[0]) // numbers.step + 1
 
 
-def _extended(places: range, margin: int) -> range:
+def _extended(numbers: range, margin: int) -> range:
     """Return row or column numbers with as many more on both sides."""
-    step = places.step
-    return range(places[0] - margin * step, places[-1] + (margin + 1) * step, step)
+    step = numbers.step
+    return range(numbers[0] - margin * step, numbers[-1] + (margin + 1) * step, step)
 
 
 def _is_square(count: int) -> bool:

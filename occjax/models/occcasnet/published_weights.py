@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from occjax.errors import InputError
 from occjax.io.atomic import atomic_path
-from occjax.io.files import reading
+from occjax.io.files import read_errors
 
 PUBLISHED_URL = (
     "https://raw.githubusercontent.com/chaowentao/OccCasNet/"
@@ -70,7 +70,7 @@ def fetch_published_weights(
     url = url or PUBLISHED_URL
     if progress:
         print(LICENCE_NOTICE, file=sys.stderr)
-    with reading(path):
+    with read_errors(path):
         if path.is_file() and git_blob_id(path.read_bytes()) == blob_id:
             return path
     with atomic_path(path) as temporary:

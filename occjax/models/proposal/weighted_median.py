@@ -43,27 +43,27 @@ def replace_uncertain(
     """
     height, width = disparity.shape
     margin = config.radius_px
-    places = list(itertools.product(range(2 * margin + 1), repeat=2))
+    corners = list(itertools.product(range(2 * margin + 1), repeat=2))
 
     # Where nothing is certain, all pixels count.
     maps = jnp.stack([jnp.square(confidence) + 1e-6, centre, disparity])
     margins = [(0, 0), (margin, margin), (margin, margin)]
     padded = jnp.pad(maps, margins, mode="edge")
 
-    def weight(place: Int[Array, "2"]) -> Float[Array, "h w"]:
-        certainty, grey, _ = jax.lax.dynamic_slice(padded, (0, *place), (3, height, width))
-        distance = jnp.square(place - margin).sum().astype(centre.dtype)
+    def weight(corner: Int[Array, "2"]) -> Float[Array, "h w"]:
+        certainty, grey, _ = jax.lax.dynamic_slice(padded, (0, *corner), (3, height, width))
+        distance = jnp.square(corner - margin).sum().astype(centre.dtype)
         proximity = jnp.exp(-distance / (2 * config.deviation_px**2))
         return proximity * certainty * jnp.exp(-jnp.abs(grey - centre) / config.grey_scale)
 
-    weights = jax.lax.map(weight, jnp.asarray(places))
+    weights = jax.lax.map(weight, jnp.asarray(corners))
     disparities = padded[2]
     half = sum_leading(weights) / 2
 
-    def lower(median: Float[Array, "h w"], place: Int[Array, "2"]):
-        value = jax.lax.dynamic_slice(disparities, place, (height, width))
+    def lower(median: Float[Array, "h w"], corner: Int[Array, "2"]):
+        value = jax.lax.dynamic_slice(disparities, corner, (height, width))
         # Sums of slices are one loop over the pixels; a stack would be read from memory.
-        others = (disparities[y : y + height, x : x + width] for y, x in places)
+        others = (disparities[y : y + height, x : x + width] for y, x in corners)
         terms = zip(others, weights, strict=True)
         weight_up_to_value = sum(jnp.where(other <= value, weight, 0.0) for other, weight in terms)
         found = (weight_up_to_value >= half) & (value < median)
@@ -71,5 +71,5 @@ def replace_uncertain(
 
     # The median is the smallest value up to which there is half of the weight.
     start = jnp.full_like(disparity, jnp.inf)
-    median, _ = jax.lax.scan(lower, start, jnp.asarray(places))
+    median, _ = jax.lax.scan(lower, start, jnp.asarray(corners))
     return jnp.where(confidence < config.max_confidence, median, disparity)

@@ -1,8 +1,8 @@
-"""Comparison of several readings of the same views, each of which gives every view its place.
+"""Comparison of hypotheses on the arrangement of views; each gives every view an offset.
 
 Sixteen numbered views may be a row or a square, a row of a grid may be the cameras of one frame of
 a video, and every second row may run backwards. The cross of views around the centre view cannot
-always tell this: a reading that is right on one side of the centre view is as consistent as the
+always tell this: a hypothesis that is right on one side of the centre view is as consistent as the
 right one. Here all views near the centre view must agree.
 """
 
@@ -21,8 +21,8 @@ from occjax.layout.filters import reduce_image
 from occjax.lightfield import LightField, view_offsets
 
 
-class BestReading(NamedTuple):
-    """The most consistent one of several readings.
+class BestHypothesis(NamedTuple):
+    """The most consistent one of several hypotheses.
 
     Attributes:
         number: Its index.
@@ -36,40 +36,40 @@ class BestReading(NamedTuple):
     alike: bool
 
 
-def places(grid: tuple[int, int]) -> np.ndarray:
-    """Return the ``[V * U, 2]`` offsets of the views of a grid that are counted row by row."""
+def row_major_offsets(grid: tuple[int, int]) -> np.ndarray:
+    """Return the ``[V * U, 2]`` offsets of the views of a grid, row by row."""
     return view_offsets(*grid).reshape(-1, 2)
 
 
-def best_reading(
+def best_hypothesis(
     views: np.ndarray,
-    readings: Sequence[np.ndarray],
+    hypotheses: Sequence[np.ndarray],
     config: ViewOrderConfig | None = None,
     *,
     usable: np.ndarray | None = None,
-) -> BestReading:
-    """Return which reading of the places of views explains the images best.
+) -> BestHypothesis:
+    """Return the hypothesis on the offsets of views that explains the images best.
 
     Args:
         views: ``[N, H, W, C]`` views.
-        readings: ``[N, 2]`` offsets ``(row, column)`` of the views, in view steps. The centre view
-            is the one at zero in the last reading.
+        hypotheses: ``[N, 2]`` offsets ``(row, column)`` of the views, in view steps. The centre
+            view is the one at zero in the last hypothesis.
         config: Settings of the comparison; None for the default.
         usable: ``[N]`` bool, False for views that are missing; None if all can be used.
 
     Returns:
-        The index of that reading, and how clearly it is the best.
+        The index of that hypothesis, and how clearly it is the best.
 
     Example:
         >>> wall = np.random.default_rng(0).random((60, 60, 1), np.float32)
         >>> views = np.stack([np.roll(wall, (-v, -u), (0, 1)) for v in range(2) for u in range(2)])
-        >>> best_reading(views, [places((1, 4)), places((2, 2))])
-        BestReading(number=1, clear=True, alike=False)
+        >>> best_hypothesis(views, [row_major_offsets((1, 4)), row_major_offsets((2, 2))])
+        BestHypothesis(number=1, clear=True, alike=False)
     """
     config = config or ViewOrderConfig()
     present = np.ones(len(views), bool) if usable is None else usable
     for size in (config.coarse_size_px, config.fine_size_px):
-        scores = np.array(_scores(views, readings, present, size, config))
+        scores = np.array(_scores(views, hypotheses, present, size, config))
         best = int(np.argmin(scores))
         second = np.delete(scores, best).min()
         differs = second - scores[best] > config.noise_floor
@@ -77,29 +77,29 @@ def best_reading(
         if clear or max(views.shape[1:3]) <= size:
             break
     alike = bool(config.noise_floor < second < config.alike_ratio * scores[best])
-    return BestReading(best, clear, alike)
+    return BestHypothesis(best, clear, alike)
 
 
 def _scores(
     views: np.ndarray,
-    readings: Sequence[np.ndarray],
+    hypotheses: Sequence[np.ndarray],
     usable: np.ndarray,
     size_px: int,
     config: ViewOrderConfig,
 ) -> list[float]:
-    """Return the inconsistency of views, reduced to ``size_px``, under each reading.
+    """Return the inconsistency of views, reduced to ``size_px``, under each hypothesis.
 
-    The same views are compared under all readings: those that are nearest to the centre view under
-    one of them.
+    The same views are compared under all hypotheses: those that are nearest to the centre view
+    under one of them.
 
     Returns:
         Mean over all pixels of the lowest mean grey difference, relative to the brightness of the
         centre view.
     """
-    centre = int(np.hypot(*readings[-1].T).argmin())
+    centre = int(np.hypot(*hypotheses[-1].T).argmin())
     near: set[int] = set()
-    for reading in readings:
-        distance = np.hypot(*(reading - reading[centre]).T)
+    for hypothesis in hypotheses:
+        distance = np.hypot(*(hypothesis - hypothesis[centre]).T)
         distance[~usable | (np.arange(len(views)) == centre)] = np.inf
         nearest = np.argsort(distance, kind="stable")[: config.nearest_views]
         near.update(k for k in nearest.tolist() if np.isfinite(distance[k]))
@@ -110,7 +110,7 @@ def _scores(
     brightness = view_brightness(line, config.brightness)
     compared = [k for k in range(len(ordered)) if k != middle and brightness.usable[0, k]]
     if not compared:
-        return [0.0] * len(readings)
+        return [0.0] * len(hypotheses)
     scale = max(1, math.ceil(min(line.image_size) / size_px))
     centre_image, *images = (
         reduce_image(brightness.grey(line, 0, k), scale) for k in (middle, *compared)
@@ -118,8 +118,8 @@ def _scores(
     white = np.float32(np.percentile(centre_image, config.brightness_percentile)) or np.float32(1)
     limit = config.max_disparity * min(line.image_size)
     scores = []
-    for reading in readings:
-        offsets = (reading - reading[centre])[[ordered[k] for k in compared]]
+    for hypothesis in hypotheses:
+        offsets = (hypothesis - hypothesis[centre])[[ordered[k] for k in compared]]
         reach = min(float(np.abs(offsets).max()), config.view_steps[-1])
         count = math.ceil(limit * reach / (config.candidate_motion_px * scale))
         candidates = np.linspace(-limit, limit, 2 * count + 1)
