@@ -176,24 +176,30 @@ def remove_leftovers(folder: str | Path) -> list[Path]:
             not searched.
 
     Returns:
-        Paths of the removed files and folders.
+        Paths of the removed files and folders. Those that cannot be deleted are left.
 
     Example:
         >>> import tempfile
         >>> remove_leftovers(tempfile.mkdtemp())
         []
     """
-    removed = []
-    with suppress(OSError):
-        for entry in list(os.scandir(folder)):
-            made_by = TEMPORARY_NAME.fullmatch(entry.name)
-            if made_by is None or not _is_abandoned(entry, made_by["machine"], int(made_by["pid"])):
-                continue
-            if entry.is_dir(follow_symlinks=False):
-                shutil.rmtree(entry.path, ignore_errors=True)
-            else:
-                os.unlink(entry.path)
-            removed.append(Path(entry.path))
+    removed: list[Path] = []
+    try:
+        entries = list(os.scandir(folder))
+    except OSError:
+        return removed
+    for entry in entries:
+        made_by = TEMPORARY_NAME.fullmatch(entry.name)
+        if made_by is None:
+            continue
+        with suppress(OSError):  # of this entry, so that the others are removed
+            if _is_abandoned(entry, made_by["machine"], int(made_by["pid"])):
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path, ignore_errors=True)
+                else:
+                    os.unlink(entry.path)
+                if not os.path.lexists(entry.path):
+                    removed.append(Path(entry.path))
     return removed
 
 

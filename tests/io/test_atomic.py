@@ -1,11 +1,13 @@
 import errno
 import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from occjax.errors import InputError
-from occjax.io.atomic import atomic_folder, atomic_path, check_writable
+from occjax.io.atomic import atomic_folder, atomic_path, check_writable, remove_leftovers
 
 
 def names(folder):
@@ -199,3 +201,45 @@ def test_checking_a_read_only_folder_reports_it(tmp_path):
     for folder in (closed, closed / "out"):
         with pytest.raises(InputError, match="permission denied"):
             check_writable(folder)
+
+
+def write_and_be_killed(folder):
+    """Let another process begin three files and a folder in a folder, and end at once."""
+    code = """
+import os, sys
+from contextlib import ExitStack
+from occjax.io.atomic import atomic_folder, atomic_path
+folder = sys.argv[1]
+with ExitStack() as stack:
+    for name in "abc":
+        stack.enter_context(atomic_path(f"{folder}/{name}.txt")).write_text("half")
+    (stack.enter_context(atomic_folder(f"{folder}/scene")) / "map.pfm").write_text("half")
+    os._exit(1)
+"""
+    subprocess.run([sys.executable, "-c", code, str(folder)], check=False)
+
+
+def test_files_that_a_killed_process_left_are_removed(tmp_path):
+    (tmp_path / ".hidden.txt").write_text("of the user")
+    write_and_be_killed(tmp_path)
+    assert len(names(tmp_path)) == 6
+    with atomic_path(tmp_path / "d.txt") as temporary:
+        temporary.write_text("of a running process")
+        assert len(remove_leftovers(tmp_path)) == 4
+    assert names(tmp_path) == [".hidden.txt", "d.txt"]
+
+
+def test_a_file_that_cannot_be_deleted_does_not_keep_the_others(tmp_path, monkeypatch):
+    write_and_be_killed(tmp_path)
+    kept, *others = [entry.path for entry in os.scandir(tmp_path) if entry.is_file()]
+    delete = os.unlink
+
+    def refuse_one(path, **options):
+        if path == kept:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), path)
+        delete(path, **options)
+
+    monkeypatch.setattr("os.unlink", refuse_one)
+    removed = remove_leftovers(tmp_path)
+    assert {str(path) for path in removed} >= set(others)
+    assert names(tmp_path) == [os.path.basename(kept)]
