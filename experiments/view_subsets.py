@@ -12,7 +12,7 @@ accurate on small grids and for views at the border (docs/notes/training.md).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import tyro
@@ -39,51 +39,56 @@ GRID = (9, 9)
 """Number of view rows and columns of the given pools."""
 
 
-def planned_subsets(count: int) -> list[tuple[int, str, int]]:
-    """Return the subsets of the views of a number of light fields.
+class Subset(NamedTuple):
+    """A subset of the 9x9 views.
 
-    Args:
-        count: Number of light fields.
-
-    Returns:
-        For each subset the index of its light field, its kind, and the distance of its neighbouring
-        views, in steps of the 9x9 views.
+    Attributes:
+        kind: A ``"grid"`` around the centre view; a ``"quarter"`` or ``"half"`` of the views, with
+            the centre view at its corner or border; or the ``"line"`` of its row or column.
+        size: Number of rows and columns of a grid.
+        step: Distance of neighbouring views of a grid, in steps of the 9x9 views.
     """
+
+    kind: Literal["grid", "quarter", "half", "line"]
+    size: int = 9
+    step: int = 1
+
+
+def planned_subsets(count: int) -> list[tuple[int, Subset]]:
+    """Return the subsets of the views of a number of light fields, with the index of each."""
     planned = []
     for index in range(count):
         if index % 2 == 0:
-            planned.append((index, "3x3", (1, 2, 4)[index // 2 % 3]))
+            planned.append((index, Subset("grid", 3, step=(1, 2, 4)[index // 2 % 3])))
         if index % 3 == 0:
-            planned.append((index, "5x5", (1, 2)[index // 3 % 2]))
+            planned.append((index, Subset("grid", 5, step=(1, 2)[index // 3 % 2])))
         if index % 2 == 1:
-            planned.append((index, "quarter", 1))
-            planned.append((index, "half" if index % 4 == 1 else "line", 1))
+            planned.append((index, Subset("quarter")))
+            planned.append((index, Subset("half" if index % 4 == 1 else "line")))
     return planned
 
 
 def draw_subset(
-    generator: np.random.Generator, sample: LightFieldSample, kind: str, step: int
+    generator: np.random.Generator, sample: LightFieldSample, subset: Subset
 ) -> LightFieldSample:
     """Return a light field with a subset of its views.
 
     Args:
         generator: Random generator; draws the side of a quarter or half, or the line.
         sample: Light field of 9x9 views, as NumPy arrays.
-        kind: ``"3x3"`` or ``"5x5"`` views around the centre view; a ``"quarter"`` or ``"half"`` of
-            the views, with the centre view at its corner or border; or the ``"line"`` of its row or
-            column.
-        step: Distance of neighbouring views of a grid, which is the view step of the result.
+        subset: The subset; its step is the view step of the result.
 
     Returns:
         Views ``[1, n, h, w]``: the two outermost of the subset in each of the eight directions.
     """
+    step = subset.step
     offsets = view_offsets(*GRID).reshape(-1, 2)
-    if kind in ("3x3", "5x5"):
-        radius = step * (int(kind[0]) // 2)
+    if subset.kind == "grid":
+        radius = step * (subset.size // 2)
         inside = ((offsets % step == 0) & (np.abs(offsets) <= radius)).all(axis=1)
-    elif kind == "quarter":
+    elif subset.kind == "quarter":
         inside = (offsets * generator.choice([-1, 1], 2) >= 0).all(axis=1)
-    elif kind == "half":
+    elif subset.kind == "half":
         axis = generator.integers(2)
         inside = offsets[:, axis] * generator.choice([-1, 1]) >= 0
     else:
@@ -129,9 +134,9 @@ def run(
     generator = np.random.default_rng(seed)
     planned = planned_subsets(len(files))
     for number, index in enumerate(generator.permutation(len(planned))):
-        light_field, kind, step = planned[index]
-        subset = draw_subset(generator, read_sample(files[light_field]), kind, step)
-        write_sample(light_field_file(folder, number), subset)
+        light_field, subset = planned[index]
+        sample = draw_subset(generator, read_sample(files[light_field]), subset)
+        write_sample(light_field_file(folder, number), sample)
     print(f"{folder}: {len(planned)} light fields with fewer views")
 
 
