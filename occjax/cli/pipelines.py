@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 from occjax.cli.running import phase_reporter
 from occjax.errors import InputError
-from occjax.estimators.driver import ReportPhase
+from occjax.estimators.phases import Phase, ReportPhase
 from occjax.io.atomic import CannotWriteError
 
 FAILURES = (InputError, MemoryError, OSError, ValueError, RuntimeError)
@@ -121,7 +121,7 @@ class Pipelines(Generic[_Loaded, _Result]):
                 report_phase = phase_reporter(self._progress, self.names[scene])
                 result: _Result | Exception
                 try:
-                    report_phase("reading")
+                    report_phase(Phase.READING)
                     try:
                         loaded = reading.result()
                     finally:
@@ -130,7 +130,7 @@ class Pipelines(Generic[_Loaded, _Result]):
                         result = self.estimate(loaded, report_phase)
                 except FAILURES as error:
                     result = error
-                report_phase("failed" if isinstance(result, Exception) else "writing")
+                report_phase(Phase.FAILED if isinstance(result, Exception) else Phase.WRITING)
                 if device in self._writing:
                     self._writing[device].result()
                 if not self._stopped.is_set():

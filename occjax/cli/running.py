@@ -14,6 +14,7 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from occjax.errors import InputError
+from occjax.estimators.phases import Phase, ReportPhase
 
 _collected = threading.local()
 """Warnings of the threads that collect them, see :func:`collect_warnings`."""
@@ -81,7 +82,7 @@ def collect_warnings() -> Iterator[list[str]]:
         del _collected.messages
 
 
-def phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
+def phase_reporter(progress: tqdm | None, name: str) -> ReportPhase:
     """Return a function that shows the current phase of the computation.
 
     It is shown on the progress bar if there is one. Otherwise a terminal has one line, which the
@@ -97,9 +98,9 @@ def phase_reporter(progress: tqdm | None, name: str) -> Callable[[str], None]:
             progress.set_description(f"{name}: {phase}")
         elif sys.stderr.isatty():
             print(f"\r\033[K{name}: {phase} ...", end="", file=sys.stderr, flush=True)
-            if phase in ("writing", "failed"):
+            if phase in (Phase.WRITING, Phase.FAILED):
                 print("\r\033[K", end="", file=sys.stderr, flush=True)
-        elif phase != "failed":  # the error message reports the failure
+        elif phase != Phase.FAILED:  # the error message reports the failure
             print(f"{name}: {phase}", file=sys.stderr, flush=True)
 
     return show

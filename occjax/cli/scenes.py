@@ -20,7 +20,8 @@ from occjax.cli.scene_lists import folder_names, frame_names
 from occjax.cli.table import Row, row, stored_failures, write_table
 from occjax.errors import InputError
 from occjax.estimators import Estimate, Estimator, estimate_all_views, run_estimator
-from occjax.estimators.driver import ReportPhase, with_report
+from occjax.estimators.driver import with_report
+from occjax.estimators.phases import ReportPhase
 from occjax.estimators.protocol import DisparityRange
 from occjax.io.atomic import remove_leftovers
 from occjax.io.naming.patterns import is_in_subfolders

@@ -9,7 +9,8 @@ import numpy as np
 
 from occjax import programs
 from occjax.errors import InputError
-from occjax.estimators.driver import ReportPhase, run_estimator, with_report
+from occjax.estimators.driver import run_estimator, with_report
+from occjax.estimators.phases import Phase, ReportPhase
 from occjax.estimators.protocol import DisparityRange, Estimator, ViewMaps
 from occjax.layout import check, registered
 from occjax.lightfield import LightField, centre_index, project
@@ -55,7 +56,7 @@ def estimate_all_views(
         light_field: Light field.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step.
         config: Settings of the comparison.
-        report_phase: Function that is called with the name of each phase.
+        report_phase: Function that is called when a phase begins.
 
     Returns:
         Disparity, confidence and consistency of all views.
@@ -99,7 +100,7 @@ def estimate_all_views(
         )
         disparity[view], confidence[view] = estimate.disparity, estimate.confidence
         searched.append(estimate.disparity_range)
-    report_phase("comparing the views")
+    report_phase(Phase.COMPARING_VIEWS)
     low, high = min(low for low, _ in searched), max(high for _, high in searched)
     tolerance = config.tolerance * (high - low)
     # Of the registration, the positions are used and the shifts are not: the map of each view has

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from occjax import programs
 from occjax.errors import InputError
 from occjax.estimators.factory import make_estimator
+from occjax.estimators.phases import Phase, ReportPhase
 from occjax.estimators.protocol import DisparityRange, Estimate, Estimator
 from occjax.estimators.ranges import notes_on_limits
 from occjax.layout import check, registered
@@ -27,9 +28,6 @@ from occjax.models.occcasnet.config import Warp
 
 MAX_LOADED_ESTIMATORS = 4
 """Compiled estimators, of different shapes, that a process keeps in memory for each device."""
-
-ReportPhase = Callable[[str], None]
-"""Function that is called with a description of each phase when it begins."""
 
 
 def estimate(
@@ -123,7 +121,7 @@ def run_estimator(
         light_field: Light field.
         disparity_range: ``(minimum, maximum)`` to search, in pixels per view step.
         occlusion: Whether to compute the occlusion map of every view.
-        report_phase: Function that is called with a description of each phase.
+        report_phase: Function that is called when a phase begins.
 
     Returns:
         The estimate; ``seconds`` has the phases ``prepare``, ``compile``, ``run`` and, if
@@ -142,14 +140,14 @@ def run_estimator(
     seconds: dict[str, float] = {}
 
     @contextmanager
-    def phase(name: str, description: str) -> Iterator[None]:
-        report_phase(description)
+    def timed(name: str, phase: Phase) -> Iterator[None]:
+        report_phase(phase)
         begin = time.perf_counter()
         yield
         seconds[name] = time.perf_counter() - begin
 
     original = light_field
-    with phase("prepare", "preparing"):
+    with timed("prepare", Phase.PREPARING):
         light_field, corrections = registered(light_field)
         inputs = estimator.prepare(light_field, disparity_range)
         notes = (*corrections, *inputs.notes)
@@ -158,19 +156,18 @@ def run_estimator(
             notes = (f"disparity of the view ({v}, {u}), row and column counted from 0", *notes)
         inputs = inputs._replace(notes=notes)
         arguments = (inputs.variables, inputs.views, *inputs.arguments)
-    compiling = "compiling, once for this size and number of views"
     with (
-        phase("compile", "loading the program"),
-        programs.reporting(lambda: report_phase(compiling)),
+        timed("compile", Phase.LOADING_PROGRAM),
+        programs.reporting(lambda: report_phase(Phase.COMPILING)),
     ):
         structure, shapes = programs.signature(arguments)
         run = _compiled_run(programs.current_device(), estimator, structure, shapes)
         programs.release_memory()
-    with phase("run", "estimating"):
+    with timed("run", Phase.ESTIMATING):
         outputs = jax.tree.map(np.asarray, jax.block_until_ready(run(*arguments)))
     result = estimator.finish(inputs, outputs)
     if occlusion and result.occlusion is None:
-        with phase("occlusion", "occlusion maps"):
+        with timed("occlusion", Phase.OCCLUSION_MAPS):
             maps = estimate_occlusion(light_field, result.disparity)
         result = dataclasses.replace(result, occlusion=maps)
     limits = notes_on_limits(result.disparity, result.confidence, result.disparity_range)
