@@ -1,9 +1,12 @@
-"""The exception for unusable input, and a check that raises it."""
+"""The exception for unusable input, checks that raise it, and warnings."""
 
 from __future__ import annotations
 
 import difflib
 import operator
+import os
+import sys
+import warnings
 from collections.abc import Iterable
 from typing import Any, cast, get_args
 
@@ -14,6 +17,27 @@ class InputError(ValueError):
     The message is one line: what is wrong, where, and what to do. The command line prints it
     without a traceback and exits with code 2.
     """
+
+
+def warn(message: str, category: type[Warning] = UserWarning) -> None:
+    """Issue a warning that names the last line outside of this package: that of the user.
+
+    Args:
+        message: One line: what is wrong, where, and what to do.
+        category: Class of the warning.
+
+    Example:
+        >>> with warnings.catch_warnings(record=True, action="always") as caught:
+        ...     warn("views.png: is dark; use a longer exposure")
+        >>> str(caught[0].message)
+        'views.png: is dark; use a longer exposure'
+    """
+    # From Python 3.12 on, skip_file_prefixes of warnings.warn does the same.
+    package = os.path.dirname(__file__) + os.sep
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
 
 
 def check_one_of(name: str, value: object, choices: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -10,7 +9,7 @@ import numpy as np
 from tyro.conf import FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from occjax.cli.options import CameraOptions, ViewOrderOptions, choice, option
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io import Map, read_map, write_map, write_normals
 from occjax.io.files import read_errors
 from occjax.io.hci_config import PARAMETERS, read_hci_config
@@ -231,10 +230,9 @@ def _read_parameters(path: Path, content: Map) -> Calibration:
     size = content.values.shape
     if config.image_size not in (None, size):
         expected, found = ("x".join(map(str, shape)) for shape in (config.image_size, size))
-        warnings.warn(
+        warn(
             f"{path}: is for views of {expected} pixels (rows x columns), but the map has {found}; "
-            "the map is treated as a resized view, not as a crop",
-            stacklevel=2,
+            "the map is treated as a resized view, not as a crop"
         )
     return config.calibration
 

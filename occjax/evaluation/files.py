@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.evaluation.metrics import (
     BAD_PIXEL_THRESHOLD,
     THRESHOLDS,
@@ -78,10 +77,9 @@ def evaluate_files(
     check_same_view(Path(estimate_path), ground_truth_path)
     ground_truth = _read_ground_truth(ground_truth_path)
     if np.array_equal(estimate, ground_truth, equal_nan=True):
-        warnings.warn(
+        warn(
             f"{estimate_path} and {ground_truth_path} are identical, so all errors are 0; "
-            "check the paths",
-            stacklevel=2,
+            "check the paths"
         )
     _warn_if_flipped_or_negated(
         f"{estimate_path} against {ground_truth_path}", estimate, ground_truth
@@ -140,10 +138,9 @@ def _warn_if_flipped_or_negated(
     best = min(medians, key=medians.__getitem__)
     median, changed = medians[unchanged], medians[best]
     if median > BAD_PIXEL_THRESHOLD and changed < config.max_changed_error_ratio * median:
-        warnings.warn(
+        warn(
             f"{names}: the maps agree better if in one of them the {best} (median error "
-            f"{changed:.3g} instead of {median:.3g}); correct the map that is wrong",
-            stacklevel=3,
+            f"{changed:.3g} instead of {median:.3g}); correct the map that is wrong"
         )
 
 

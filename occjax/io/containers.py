@@ -7,7 +7,6 @@ of the axes is read from an attribute ``axes``, or inferred from their sizes.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from occjax.errors import InputError, nearest
+from occjax.errors import InputError, nearest, warn
 from occjax.io.arrays import check_views, listed
 from occjax.io.axes import axis_order, axis_roles, named_axis_order, to_usual_order, unstacked
 from occjax.io.consistency import most_consistent
@@ -162,14 +161,13 @@ def _read_light_field(
             )
         if doubt:
             read = f"{path}: {name} is {list(stored.shape)}, read as [{', '.join(order)}]"
-            warnings.warn(read + doubt, GridWarning, stacklevel=3)
+            warn(read + doubt, GridWarning)
     calibration, missing = old_hci_camera({**stored.attributes, **attributes}, views.shape[2:4])
     depth = arrays.get("GT_DEPTH")
     if missing and (depth or len(missing) < 3):  # a file of the old HCI benchmark, incomplete
-        warnings.warn(
+        warn(
             f"{path}: has no attribute {' and '.join(missing)}, so metric depth and GT_DEPTH are "
-            "not used; add the attributes",
-            stacklevel=3,
+            "not used; add the attributes"
         )
     truth = None
     if depth and calibration:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import warnings
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.arrays import check_ground_truth, check_views, read_npy
 from occjax.io.config import ReadingConfig
 from occjax.io.files import read_errors
@@ -96,11 +95,10 @@ def read_folder(
             note = f"{named.guess_note}, though {other[0]}x{other[1]} fits about as well"
             named = dataclasses.replace(named, guessed=True, guess_note=note)
     if named.guessed:
-        warnings.warn(
+        warn(
             f"{folder}: {math.prod(named.grid)} views taken as {named.grid[0]}x{named.grid[1]}"
             f"{named.guess_note}; pass grid (--grid V U) if that is wrong",
             GridWarning,
-            stacklevel=2,
         )
     low, high = config.disparity_range if config and config.disparity_range else (0.0, 0.0)
     if max(-low, high) > max(views.shape[2:4]):  # neighbouring views would not overlap
@@ -217,7 +215,7 @@ def _read_views(
     problems = [str(error) for error in broken]
     problems += [f"{path}: is {kind}, not {usual}" for path, kind in formats.items()]
     for problem in problems:
-        warnings.warn(f"{problem}; the view is not used", GridWarning, stacklevel=3)
+        warn(f"{problem}; the view is not used", GridWarning)
     return check_views(folder, tone_mapped(folder, views)), present
 
 

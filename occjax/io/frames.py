@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.naming import GridWarning
 from occjax.io.view_files import ViewFiles
 from occjax.layout import ORIENTATIONS, Orientation, ViewOrderReport
@@ -64,11 +62,10 @@ def refuse_video_frames(
                 f"{files.folder}: has {what}, judged by photo-consistency; to read one frame, "
                 f"pass {one}; to read all files as one light field, pass {option}"
             )
-        warnings.warn(
+        warn(
             f"{files.folder}: read as one {rows}x{columns} grid, but {what} are about as "
             f"photo-consistent; to read one frame, pass {one}; to confirm the grid, pass {option}",
             GridWarning,
-            stacklevel=4,
         )
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.config import ReadingConfig
 from occjax.io.limits import ReadLimits
 
@@ -71,6 +70,7 @@ def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
         UserWarning: If the views are changed.
 
     Example:
+        >>> import warnings
         >>> with warnings.catch_warnings(action="ignore"):
         ...     mapped = tone_mapped(Path("a.exr"), np.array([0.0, 0.5, 8.0]))
         >>> mapped.astype(float).round(2).tolist()
@@ -84,19 +84,17 @@ def tone_mapped(path: Path, views: np.ndarray) -> np.ndarray:
     # Some programs store images of integers as floating point.
     if low >= 0.0 and high < 2**16 and np.array_equal(views, np.rint(views)):
         bits = 8 if high < 2**8 else 16
-        warnings.warn(
+        warn(
             f"{path}: pixels are whole numbers up to {high:g} in floating point, read as {bits} "
-            "bits; map them to [0, 1] yourself if that is wrong",
-            stacklevel=2,
+            "bits; map them to [0, 1] yourself if that is wrong"
         )
         return views.astype(np.uint8 if bits == 8 else np.uint16)
     if high <= 0.0:
         raise InputError(f"{path}: no pixel is positive; save the views with values above 0")
     white = float(np.percentile(views, ReadingConfig().white_percentile)) or high
-    warnings.warn(
+    warn(
         f"{path}: pixels reach from {low:.4g} to {high:.4g}; they are tone-mapped by a mu-law with "
-        f"white at {white:.4g}; map them to [0, 1] yourself if you need another mapping",
-        stacklevel=2,
+        f"white at {white:.4g}; map them to [0, 1] yourself if you need another mapping"
     )
     unit = np.clip(views / np.float32(white), 0.0, 1.0)
     mu = 5000.0  # compression, as in Kalantari and Ramamoorthi (2017), equation 5

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from pathlib import Path
 from typing import cast, get_args
 
 import numpy as np
 
-from occjax.errors import InputError, check_one_of, check_whole_pair
+from occjax.errors import InputError, check_one_of, check_whole_pair, warn
 from occjax.io.arrays import read_arrays
 from occjax.io.consistency import ground_truth_mismatch
 from occjax.io.containers import CONTAINER_SUFFIXES, read_container
@@ -165,10 +164,9 @@ def load(
         truth = light_field.ground_truth
         has_truth = truth is not None and bool(np.isfinite(truth).any())
         if has_truth and not report.clearly_worse and (fault := ground_truth_mismatch(light_field)):
-            warnings.warn(
+            warn(
                 f"{path}: the ground truth agrees with the views if {fault}; correct its file",
                 ViewOrderWarning,
-                stacklevel=2,
             )
     return light_field
 
@@ -245,23 +243,21 @@ def _warn_of_view_order(
     """Warn if the view order differs from the declared one, or none is consistent."""
     if not report.plausible:
         rows, columns = light_field.grid
-        warnings.warn(
+        warn(
             f"{path}: no view order of the {rows}x{columns} grid is consistent; "
             "check the grid and the file layout; if neighbouring views differ by more than 0.4 of "
             "their shorter side, pass max_disparity (--max-disparity)",
             ViewOrderWarning,
-            stacklevel=3,
         )
     if report.disorder is not None:
-        warnings.warn(f"{path}: {report.position_notes[0]}", ViewOrderWarning, stacklevel=3)
+        warn(f"{path}: {report.position_notes[0]}", ViewOrderWarning)
     if report.clearly_worse:
         likely = [declared.then(report.best)]
         if not report.sign_known:
             likely.append(declared.then(report.best.reversed_sign))
             likely.sort(key=lambda orientation: len(orientation.flip))
-        warnings.warn(
+        warn(
             f"{path}: the images show another order of the views than declared "
             f"({report.best.name}); {' or '.join(map(declaration, likely))}",
             ViewOrderWarning,
-            stacklevel=3,
         )

@@ -10,12 +10,11 @@ top right one. A file name with ``qs8x6`` states 8 columns and 6 rows of tiles.
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.config import ReadingConfig
 from occjax.io.images import read_image
 from occjax.io.layouts import Mosaic
@@ -72,22 +71,20 @@ def read_mosaic(path: Path, grid: tuple[int, int] | None, kind: Mosaic | None) -
         )
     period = lens_period(image, grid)
     if period is not None and (detected != "macpi" or period != tuple(grid)):
-        warnings.warn(
+        warn(
             f"{path}: read as {grid[0]}x{grid[1]} views, {detected}, but its brightness steps are "
             f"those of a MacPI image of {period[0]}x{period[1]} views; if so, pass grid and layout "
             f"(--grid {period[0]} {period[1]} --layout macpi)",
             GridWarning,
-            stacklevel=4,
         )
     if detected == "macpi":
         return split_macpi(image, grid)
     views = split_tiles(image, grid)
     if kind is None and min(grid) > 1 and _is_quilt(views):
-        warnings.warn(
+        warn(
             f"{path}: read as a quilt of {grid[0]}x{grid[1]} tiles, a row of {grid[0] * grid[1]} "
             "views, by photo-consistency; pass layout (--layout tiled) if that is wrong",
             GridWarning,
-            stacklevel=4,
         )
         return split_quilt(image, grid)
     return views
@@ -228,12 +225,11 @@ def _warn_of_other_tiles(path: Path, image: np.ndarray, tiles: tuple[int, int]) 
         for lines, declared, repeated in zip((grey, grey.T), tiles, found, strict=True)
     )
     if any(differs):
-        warnings.warn(
+        warn(
             f"{path}: read as a quilt of {tiles[1]}x{tiles[0]} tiles (columns x rows), but its "
             f"content repeats as in {found[1]}x{found[0]} tiles; if so, pass grid "
             f"(--grid {found[0]} {found[1]})",
             GridWarning,
-            stacklevel=5,
         )
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.arrays import check_positions, read_npy
 from occjax.io.config import ReadingConfig
 from occjax.io.files import decoding
@@ -148,12 +147,11 @@ def warn_of_unit(path: Path, positions: np.ndarray) -> None:
     step = max(abs(_step(positions, axis, c)) for axis in (0, 1) for c in (0, 1))
     shortest = ReadingConfig().min_view_step
     if not shortest < step < 1 / shortest:
-        warnings.warn(
+        warn(
             f"{path}: neighbouring cameras are {step:.4g} apart in positions, which are used as "
             "they are: disparity is in pixels per unit of them; divide positions by this number "
             "to have it per view step",
             GridWarning,
-            stacklevel=4,
         )
 
 

@@ -7,7 +7,6 @@ import json
 import logging
 import math
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
@@ -18,7 +17,7 @@ import orbax.checkpoint as ocp
 from orbax.checkpoint.checkpoint_managers import preservation_policy
 
 import occjax
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.atomic import CannotWriteError, atomic_path
 from occjax.io.run_folder import open_run_folder, write_description
 from occjax.training.hosts import on_first_process
@@ -126,11 +125,10 @@ class Checkpoints:
                 lost = steps[: len(damaged)]
                 on_first_process(partial(self._set_aside, lost))
                 self._manager.reload()
-                warnings.warn(
+                warn(
                     f"{self.folder / str(steps[0])}: is damaged; training resumes from the "
                     f"checkpoint of step {step}, {steps[0] - step} steps are lost. Damaged "
-                    f"checkpoints are now in {self.folder.parent / DAMAGED}",
-                    stacklevel=2,
+                    f"checkpoints are now in {self.folder.parent / DAMAGED}"
                 )
             return state
         raise damaged[0]
@@ -258,7 +256,4 @@ def _remove_damaged_scores(folder: Path) -> None:
         except (ValueError, KeyError, TypeError):
             with writing_checkpoint(folder):
                 file.unlink()
-            warnings.warn(
-                f"{file}: is damaged and removed; the checkpoint counts as not validated",
-                stacklevel=2,
-            )
+            warn(f"{file}: is damaged and removed; the checkpoint counts as not validated")

@@ -6,7 +6,6 @@ import importlib.util
 import inspect
 import os
 import sys
-import warnings
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from occjax.data.bundled_sample import sample
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.estimators.driver import with_report
 from occjax.estimators.protocol import Estimate
 from occjax.io.loading import load
@@ -126,7 +125,7 @@ def read_scene(folders: Sequence[str | Path], light_field: LightField | None = N
             light_field = _views_of(first)
         except InputError as error:
             reason = f"the page has no views: {error}; --scene SCENE and its options name them"
-            warnings.warn(reason, stacklevel=2)
+            warn(reason)
     if light_field is not None:
         light_field = _around(light_field, first.get("view"))
     name = first.get("scene") or (light_field.name if light_field else paths[0].name)

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -231,3 +233,14 @@ def test_real_folders_load_as_declared(shared):
     lytro = load(shared / "data/lytro/2067")
     assert lytro.views.shape == (9, 9, 383, 552, 3)
     assert lytro.name == "2067"
+
+
+def test_a_warning_names_the_line_of_the_user(tmp_path, views):
+    folder = save_views(tmp_path / "boxes", views, hci)
+    (folder / hci(0, 0)).unlink()
+    # In another process, where no check of annotations calls the functions of the package.
+    code = f"import occjax\n\noccjax.load({str(folder)!r}, grid=(3, 3), check_orientation=False)\n"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stderr.startswith(
+        f"<string>:3: GridWarning: {folder}: 1 of the 3x3 views is missing"
+    )

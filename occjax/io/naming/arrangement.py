@@ -6,14 +6,13 @@ import dataclasses
 import itertools
 import math
 import re
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from decimal import Decimal
 
 import numpy as np
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.config import ReadingConfig
 from occjax.io.limits import ReadLimits
 from occjax.io.naming.patterns import NAMES, index_value, renamed
@@ -211,11 +210,10 @@ def _incomplete(
     if not missing:
         return named
     verb = "is" if len(missing) == 1 else "are"
-    warnings.warn(
+    warn(
         f"{folder}: {len(missing)} of the {named.grid[0]}x{named.grid[1]} views {verb} missing "
         f"({first_few(list(missing.values()))}) and not used",
         GridWarning,
-        stacklevel=5,
     )
     return dataclasses.replace(named, missing=missing)
 

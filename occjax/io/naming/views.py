@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterable
 from pathlib import PurePosixPath
 
-from occjax.errors import InputError
+from occjax.errors import InputError, warn
 from occjax.io.hdr import HDR_SUFFIXES
 from occjax.io.images import (
     IMAGE_SUFFIXES,
@@ -95,12 +94,11 @@ def _warn_of_ignored(folder: str, names: list[str], matches: list[re.Match[str]]
         and sample.re.fullmatch(str(path.with_suffix(PurePosixPath(sample.string).suffix)))
     ]
     if ignored:
-        warnings.warn(
+        warn(
             f"{folder}: {len(matches)} views are read, {len(ignored)} images of another suffix "
             f"are ignored ({first_few(ignored)}); convert them to PNG, or end pattern (--pattern) "
             "with .* to read all suffixes",
             GridWarning,
-            stacklevel=4,
         )
 
 
@@ -144,10 +142,9 @@ def _propose(folder: str, names: list[str], grid: tuple[int, int] | None) -> str
     if not images:
         raise InputError(f"{folder}: has no images{_found(names)}")
     if len(patterns) == 1:
-        warnings.warn(
+        warn(
             f"{folder}: file names read by --pattern {patterns[0]!r}; pass another if it is wrong",
             GridWarning,
-            stacklevel=4,
         )
         return patterns[0]
     no_layout = f"{folder}: the file names match no known layout{_found(images)}"
