@@ -18,9 +18,9 @@ from occjax.viz.colour import (
     MISSING_COLOUR,
     NO_VALUE_COLOUR,
     colourbar_extend,
+    common_norm,
     disparity_colours,
-    disparity_limits,
-    limits,
+    disparity_norm,
 )
 from occjax.viz.figures import DISPARITY_LABEL, ERROR_LABEL
 from occjax.viz.pictures import error_picture, error_scale
@@ -58,7 +58,7 @@ def maps_figure(
     """
     truth, last = light_field.ground_truth, list(maps.values())[-1]
     known = confidence is not None or truth is not None
-    norm = disparity_limits(last, confidence, truth) if known else limits(*maps.values())
+    norm = disparity_norm(last, confidence, truth) if known else common_norm(*maps.values())
     colours = disparity_colours()
     step = shrink_step(last, *[SMALL_MAP_SIZE_PX] * (len(maps) > MAX_LARGE_MAPS))
     zoom = whole_zoom(last[::step, ::step].shape)

@@ -52,10 +52,10 @@ from occjax.models import ALIASES, PRESETS
 from occjax.viz.canvas import TEXT, save, whole_zoom
 from occjax.viz.colour import (
     colourbar_extend,
+    common_norm,
     confidence_colours,
     disparity_colours,
-    disparity_limits,
-    limits,
+    disparity_norm,
 )
 
 PANEL_SIZE_PX = 320
@@ -167,8 +167,8 @@ def _rows(band: Band) -> tuple[list[Panel], list[Panel]]:
     centre = rgb(to_unit_float(band.centre[::step, ::step]))
     zoom = whole_zoom(centre.shape[:2], PANEL_SIZE_PX)
     found = [(o.disparity, o.confidence) for o in band.outcomes if o.disparity is not None]
-    ranges = [disparity_limits(disparity, confidence) for disparity, confidence in found]
-    shared = limits(np.array([end for norm in ranges for end in (norm.vmin, norm.vmax)]))
+    ranges = [disparity_norm(disparity, confidence) for disparity, confidence in found]
+    shared = common_norm(np.array([end for norm in ranges for end in (norm.vmin, norm.vmax)]))
     unit = Normalize(0.0, 1.0)
     extend = (
         colourbar_extend(shared, *(disparity for disparity, _ in found)) if found else "neither"

@@ -14,7 +14,7 @@ from occjax.io.video import write_video
 from occjax.layout import disparity_range_of
 from occjax.lightfield import LightField
 from occjax.results.outputs import MIN_CONFIDENCE
-from occjax.viz.colour import disparity_limits
+from occjax.viz.colour import disparity_norm
 from occjax.viz.pictures import disparity_picture
 
 
@@ -70,7 +70,7 @@ def write_disparity_video(path: Path, frames: Sequence[Path], *, frames_per_seco
         InputError: If the frames differ in size, or the file cannot be written.
     """
     # The range covers every frame. One frame at a time is in memory.
-    norms = [disparity_limits(*_maps(frame)) for frame in frames]
+    norms = [disparity_norm(*_maps(frame)) for frame in frames]
     limits = (
         min(float(norm.vmin or 0) for norm in norms),
         max(float(norm.vmax or 0) for norm in norms),

@@ -17,7 +17,7 @@ from occjax.errors import InputError
 from occjax.estimators.phases import Phase, ReportPhase
 
 _collected = threading.local()
-"""Warnings of the threads that collect them, see :func:`collect_warnings`."""
+"""``messages``: the warnings of a thread in :func:`collect_warnings`."""
 
 
 def exit_with(command: Callable[[], int]) -> NoReturn:

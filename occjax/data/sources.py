@@ -73,9 +73,9 @@ def procedural_source(
     check_batch_size(batch_size)
 
     def render(step: int, rows: slice) -> LightFieldSample:
-        root, numbers = jax.random.key(seed), sample_numbers(step, rows, batch_size)
+        key, numbers = jax.random.key(seed), sample_numbers(step, rows, batch_size)
         first = jnp.uint32(numbers.start % 2**32)
-        return _render_batch(root, first, config=config, count=len(numbers))
+        return _render_batch(key, first, config=config, count=len(numbers))
 
     return augmented(render, batch_size, seed, augmentation)
 
@@ -112,21 +112,21 @@ def cached_source(
 
     @lru_cache(maxsize=1)
     def kept() -> LightFieldSample:
-        batches = -(-count // batch_size)
+        batch_count = -(-count // batch_size)
         batch = jax.eval_shape(lambda: _to_8_bits(rendered(0)))
         try:
-            held = jax.tree.map(
-                lambda field: jnp.zeros((batches, *field.shape), field.dtype), batch
+            batches = jax.tree.map(
+                lambda field: jnp.zeros((batch_count, *field.shape), field.dtype), batch
             )
         except jax.errors.JaxRuntimeError as error:
-            size = batches * sum(field.size * field.dtype.itemsize for field in batch)
+            size = batch_count * sum(field.size * field.dtype.itemsize for field in batch)
             raise InputError(
                 f"{count} light fields to keep take {size / 1e9:.0f} GB, more than the memory of "
                 "the device; keep fewer"
             ) from error
-        for step in tqdm(range(batches), desc="light fields", unit="batch", disable=None):
-            held = _store_batch(held, rendered(step), step)
-        return held
+        for step in tqdm(range(batch_count), desc="light fields", unit="batch", disable=None):
+            batches = _store_batch(batches, rendered(step), step)
+        return batches
 
     def draw(step: int, rows: slice) -> LightFieldSample:
         drawn = np.random.default_rng((seed, step)).integers(count, size=batch_size)[rows]
@@ -181,7 +181,9 @@ def mixture(parts: Mapping[Source, float]) -> Source:
     def source(step: int, rows: slice = ALL_ROWS, /) -> LightFieldSample:
         requested, before = range(batch_size())[rows], 0
         pieces: list[LightFieldSample] = []
-        starts, stops = (shares(weights, number * batch_size()) for number in (step, step + 1))
+        starts, stops = (
+            sample_counts(weights, number * batch_size()) for number in (step, step + 1)
+        )
         for stream, start, stop in zip(streams, starts, stops, strict=True):
             # Rows ``before`` to ``before + stop - start`` of the batch come from this source.
             skipped = max(requested.start - before, 0)
@@ -193,23 +195,23 @@ def mixture(parts: Mapping[Source, float]) -> Source:
     return source
 
 
-def shares(weights: Sequence[float], total: int) -> list[int]:
+def sample_counts(weights: Sequence[float], total: int) -> list[int]:
     """Return how many of the first ``total`` samples of a mixture come from each source.
 
-    Each source in turn gets its rounded share of the samples that remain. The numbers add up to the
-    total, none decreases when the total grows, and any total can be computed on its own.
+    Each source in turn gets its rounded share of the samples that remain. The counts add up to the
+    total, and none decreases when the total grows.
 
     Example:
-        >>> [shares([1.0, 1.0, 2.0], total) for total in (4, 5, 8)]
+        >>> [sample_counts([1.0, 1.0, 2.0], total) for total in (4, 5, 8)]
         [[1, 1, 2], [1, 1, 3], [2, 2, 4]]
     """
-    numbers, left, weight_left = [], total, sum(weights)
+    counts, left, weight_left = [], total, sum(weights)
     for weight in weights[:-1]:
-        # Rounding of the sum of weights can give a part slightly above 1.
-        part = min(weight / weight_left, 1.0) if weight_left > 0.0 else 0.0
-        numbers.append(math.floor(left * part + 0.5))
-        left, weight_left = left - numbers[-1], weight_left - weight
-    return [*numbers, left]
+        # Rounding of the sum of weights can give a share slightly above 1.
+        share = min(weight / weight_left, 1.0) if weight_left > 0.0 else 0.0
+        counts.append(math.floor(left * share + 0.5))
+        left, weight_left = left - counts[-1], weight_left - weight
+    return [*counts, left]
 
 
 def sample_numbers(step: int, rows: slice, batch_size: int) -> range:
@@ -257,12 +259,10 @@ def check_batch_size(batch_size: int) -> None:
 
 
 @partial(jax.jit, static_argnames=("config", "count"))
-def _render_batch(
-    root: Array, first: Array, *, config: SceneConfig, count: int
-) -> LightFieldSample:
-    """Render a batch; sources that differ only in their seed share the compiled program."""
+def _render_batch(key: Array, first: Array, *, config: SceneConfig, count: int) -> LightFieldSample:
+    """Render the light fields number ``first`` to ``first + count - 1`` of a key."""
     numbers = first + jnp.arange(count, dtype=jnp.uint32)
-    keys = jax.vmap(partial(jax.random.fold_in, root))(numbers)
+    keys = jax.vmap(partial(jax.random.fold_in, key))(numbers)
     return jax.vmap(lambda key: generate(key, config))(keys)
 
 
@@ -271,19 +271,19 @@ def _to_8_bits(batch: LightFieldSample) -> LightFieldSample:
     return batch._replace(views=jnp.round(batch.views * 255.0).astype(jnp.uint8))
 
 
-@partial(jax.jit, donate_argnames="held")
+@partial(jax.jit, donate_argnames="batches")
 def _store_batch(
-    held: LightFieldSample, batch: LightFieldSample, number: int | Int[Array, ""]
+    batches: LightFieldSample, batch: LightFieldSample, number: int | Int[Array, ""]
 ) -> LightFieldSample:
-    """Write a batch, its views in 8 bits, to its place in batches ``[n, b, ...]``."""
-    return jax.tree.map(lambda into, one: into.at[number].set(one), held, _to_8_bits(batch))
+    """Return batches ``[n, b, ...]`` in which one is replaced, its views in 8 bits."""
+    return jax.tree.map(lambda all_, one: all_.at[number].set(one), batches, _to_8_bits(batch))
 
 
 @jax.jit
-def _gather_samples(kept: LightFieldSample, numbers: Int[Array, " b"]) -> LightFieldSample:
+def _gather_samples(batches: LightFieldSample, numbers: Int[Array, " b"]) -> LightFieldSample:
     """Return samples of batches ``[n, b, ...]`` by their numbers."""
-    size = kept.disparity.shape[1]
-    batch = jax.tree.map(lambda field: field[numbers // size, numbers % size], kept)
+    size = batches.disparity.shape[1]
+    batch = jax.tree.map(lambda field: field[numbers // size, numbers % size], batches)
     return batch._replace(views=batch.views.astype(jnp.float32) / 255.0)
 
 
@@ -322,7 +322,7 @@ def _sample_range(
 
 
 def _concatenate(pieces: list[LightFieldSample]) -> LightFieldSample:
-    """Concatenate pieces to one batch."""
+    """Return the batch of the samples of all pieces."""
     shapes = {tuple(field.shape[1:] for field in piece) for piece in pieces}
     if len(shapes) != 1:
         sizes = " and ".join(str(list(shape[0])) for shape in sorted(shapes))

@@ -124,6 +124,7 @@ def _compared_fields(config: ModelConfig) -> dict:
 
 
 def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
+    """Read variables and configuration; check them unless the file is that of the package."""
     with decoding(path, "a safetensors file"), safe_open(path, framework="numpy") as file:
         metadata = file.metadata() or {}
         flat = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
@@ -131,7 +132,7 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
     with decoder_errors(path, "the configuration of a model of this version", remedy=remedy):
         config = config_from_json(metadata["config"])
     flat = convert_legacy_names(flat)
-    if not is_intact(path):  # weights in the package skip the check, which takes a second
+    if not is_intact(path):  # the check takes a second
         if isinstance(config, OccCasNetConfig) and config.depth > len(flat):
             raise InputError(f"{path}: has fewer arrays than its model has layers; {remedy}")
         with decoder_errors(path, "weights of a model that can be built", remedy=remedy):
@@ -141,7 +142,10 @@ def _load_safetensors(path: Path) -> tuple[dict, ModelConfig]:
 
 
 def _flattened(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the leaves of nested dictionaries by their paths, such as ``params/conv/kernel``."""
+    """Return the leaves of nested dictionaries by their paths, such as ``params/conv/kernel``.
+
+    ``flax.traverse_util`` does the same, but compiled programs run without importing Flax.
+    """
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
 
@@ -159,7 +163,7 @@ def _nested(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_fit(path: Path, flat: Mapping[str, Any], shapes: Mapping[str, Any]) -> None:
-    """Name the first weight that is missing, unknown, of another shape, or not finite."""
+    """Raise an error if a weight is missing, unknown, of another shape or type, or not finite."""
     expected = _flattened(shapes)
     for name in (*expected, *flat):
         if name not in flat:

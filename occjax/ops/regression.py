@@ -81,7 +81,7 @@ def winner_takes_all(
 
     The parabola goes through the costs of the best candidate and its two neighbours. The gradient
     is that of its vertex, with the choice of the candidate held fixed; it is zero where the three
-    costs have no curvature or the vertex is clipped. Of several lowest costs the first one counts.
+    costs have no curvature or the vertex is clipped. Ties go to the first candidate.
 
     Args:
         costs: ``[d, h, w]`` costs, d at least 3.
@@ -105,8 +105,8 @@ def winner_takes_all(
             "costs must be [d, h, w] and candidates [d], with d at least 3, "
             f"not {list(costs.shape)} and {list(candidates.shape)}"
         )
-    least = costs.argmin(0)
-    index = jnp.clip(least, 1, len(candidates) - 2)
+    best = costs.argmin(0)
+    index = jnp.clip(best, 1, len(candidates) - 2)
     before, here, after = (
         jnp.take_along_axis(costs, (index + step)[None], axis=0)[0] for step in (-1, 0, 1)
     )
@@ -115,7 +115,7 @@ def winner_takes_all(
     vertex = jnp.where(curved, (before - after) / (2 * jnp.where(curved, curvature, 1.0)), 0.0)
     spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
     # At an end of the range the best candidate is one step away from the middle of the three.
-    limit = jnp.where(least != index, 1.0, 0.5)
+    limit = jnp.where(best != index, 1.0, 0.5)
     return candidates[index] + jnp.clip(vertex, -limit, limit) * spacing
 
 
@@ -172,7 +172,7 @@ def confidence(
 def _volume_and_candidates(
     volume: ArrayLike, candidates: ArrayLike, name: str
 ) -> tuple[Float[Array, "d h w"], Float[Array, "d ..."]]:
-    """Return both in one type, the candidates as ``[d, 1, 1]`` or ``[d, h, w]``."""
+    """Check both and return them in one type, the candidates as ``[d, 1, 1]`` or ``[d, h, w]``."""
     volume, candidates = as_coordinates(volume, candidates)
     if volume.ndim != 3:
         raise InputError(f"{name} must be [d, h, w], not {list(volume.shape)}")

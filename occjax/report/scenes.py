@@ -19,7 +19,7 @@ from occjax.lightfield import Calibration, centre_index
 from occjax.results.outputs import has_signal
 from occjax.results.reading import read_estimate
 from occjax.results.summary import read_summary
-from occjax.viz.colour import disparity_limits
+from occjax.viz.colour import disparity_norm
 from occjax.viz.pictures import view_picture
 
 
@@ -101,7 +101,7 @@ def report_scene(
     signal = has_signal(light_field, estimate.confidence)
     disparity = np.where(signal, estimate.disparity, np.nan)
     truth = light_field.ground_truth
-    norm = disparity_limits(disparity, estimate.confidence, truth)
+    norm = disparity_norm(disparity, estimate.confidence, truth)
     # Two digits are shown; further digits would only make the file larger.
     confidence = np.where(signal, np.round(estimate.confidence, 2), np.nan)
     maps = {

@@ -14,7 +14,7 @@ from occjax.io.atomic import CannotWriteError, atomic_path
 from occjax.io.files import decoding
 
 LOG_FILE = "log.jsonl"
-TENSORBOARD = "tensorboard"
+"""Name of the log in the training folder."""
 
 
 class Log:
@@ -33,7 +33,7 @@ class Log:
             finished_steps: Number of steps that were finished before; later lines are removed.
             enabled: False in all processes but the first, which then write nothing.
         """
-        self._path, self._file, self._board = folder / LOG_FILE, None, None
+        self._path, self._file, self._tensorboard = folder / LOG_FILE, None, None
         if not enabled:
             return
         kept = [entry for entry in read_log(folder) if entry["step"] <= finished_steps]
@@ -42,7 +42,7 @@ class Log:
         # Unbuffered: a full disk is then reported with the line, not at the end of the training.
         self._file = self._path.open("ab", buffering=0)
         with suppress(ImportError):  # tensorboardX is optional
-            self._board = _Board(folder / TENSORBOARD, finished_steps)
+            self._tensorboard = _TensorBoardWriter(folder / "tensorboard", finished_steps)
 
     def __enter__(self) -> Log:
         return self
@@ -50,8 +50,8 @@ class Log:
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
             self._file.close()
-        if self._board is not None:
-            self._board.close()
+        if self._tensorboard is not None:
+            self._tensorboard.close()
 
     def write(self, kind: str, step: int, values: Mapping[str, float]) -> None:
         """Write one line.
@@ -66,8 +66,8 @@ class Log:
         numbers = {name: float(value) for name, value in values.items()}
         try:
             self._file.write(_line({"kind": kind, "step": step, **numbers}).encode())
-            if self._board is not None:
-                self._board.write(kind, step, numbers)
+            if self._tensorboard is not None:
+                self._tensorboard.write(kind, step, numbers)
         except OSError as error:
             raise CannotWriteError(self._path, (error.strerror or str(error)).lower()) from error
 
@@ -123,7 +123,7 @@ def _line(entry: Mapping[str, Any]) -> str:
     return json.dumps({name: finite(value) for name, value in entry.items()}) + "\n"
 
 
-class _Board:
+class _TensorBoardWriter:
     """Writer of an event file for TensorBoard.
 
     Events are written in the calling thread. ``tensorboardX.SummaryWriter`` uses another thread; if

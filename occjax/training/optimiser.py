@@ -27,29 +27,31 @@ def learning_rate(config: OptimiserConfig, steps: int) -> optax.Schedule:
         [1000, 1000, 500, 250, 125]
     """
     peak, warm_up = config.peak_rate, config.warm_up
-    after: optax.Schedule = optax.constant_schedule(peak)
+    schedule: optax.Schedule = optax.constant_schedule(peak)
     if config.schedule == "cosine":
-        falling = max(steps - 1 - warm_up, 1)
-        after = optax.cosine_decay_schedule(peak, falling, alpha=config.final_fraction)
+        decay_steps = max(steps - 1 - warm_up, 1)
+        schedule = optax.cosine_decay_schedule(peak, decay_steps, alpha=config.final_fraction)
     elif config.schedule == "halving":
-        between = config.epoch_steps * config.halving_epochs
-        halved = optax.exponential_decay(peak, between, decay_rate=0.5, staircase=True)
+        halving_steps = config.epoch_steps * config.halving_epochs
+        halving = optax.exponential_decay(peak, halving_steps, decay_rate=0.5, staircase=True)
 
-        # Halved at floor((epoch + 1) / halving_epochs): one epoch earlier. Steps count from the end
-        # of the warm-up here, epochs from the first step.
-        def after(step):
-            return halved(step + warm_up + config.epoch_steps)
+        # The exponent is floor((epoch + 1) / halving_epochs), with epochs that count from the first
+        # step. The steps of this schedule count from the end of the warm-up.
+        def schedule(step):
+            return halving(step + warm_up + config.epoch_steps)
 
     if not warm_up:
-        return after
-    rising = optax.linear_schedule(peak / warm_up, peak, warm_up - 1)
-    return optax.join_schedules([rising, after], [warm_up])
+        return schedule
+    linear = optax.linear_schedule(peak / warm_up, peak, warm_up - 1)
+    return optax.join_schedules([linear, schedule], [warm_up])
 
 
 def make_optimiser(
     config: OptimiserConfig, steps: int, *, frozen: Collection[str] = ()
 ) -> optax.GradientTransformation:
-    """Return AdamW with clipped gradients (Loshchilov and Hutter, 2019); only kernels decay.
+    """Return AdamW (Loshchilov and Hutter, 2019) with clipped gradients.
+
+    Weight decay applies to kernels only, not to biases and to the parameters of BatchNorm.
 
     Args:
         config: Settings of the optimiser.
@@ -72,16 +74,14 @@ def make_optimiser(
         return jax.tree.map(lambda parameter: parameter.ndim > 1, params)
 
     adam = optax.adamw(
-        learning_rate(config, steps),
-        weight_decay=config.weight_decay,
-        mask=is_kernel,
+        learning_rate(config, steps), weight_decay=config.weight_decay, mask=is_kernel
     )
     if config.clip is not None:
         adam = optax.chain(optax.clip_by_global_norm(config.clip), adam)
     if not frozen:
         return adam
 
-    def kind(params):
+    def labels(params):
         return {module: "frozen" if module in frozen else "trained" for module in params}
 
-    return optax.partition({"trained": adam, "frozen": optax.set_to_zero()}, kind)
+    return optax.partition({"trained": adam, "frozen": optax.set_to_zero()}, labels)

@@ -27,7 +27,7 @@ from occjax.data.config import AugmentationConfig
 from occjax.data.pool import DESCRIPTION, light_field_files, read_sample, shuffled
 from occjax.data.samples import LightFieldSample, select_views, to_device
 from occjax.data.scenes import Scene
-from occjax.data.sources import ALL_ROWS, check_batch_size, sample_numbers, shares
+from occjax.data.sources import ALL_ROWS, check_batch_size, sample_counts, sample_numbers
 from occjax.data.transforms import Symmetry, transform_images, transform_offsets
 from occjax.errors import InputError
 from occjax.io.arrays import load_fields
@@ -211,7 +211,7 @@ def prepared_source(
         return read_prepared(path, volume=variables is not None)
 
     def light_field(drawn: int) -> PreparedSample:
-        before, after = (shares(present, total) for total in (drawn, drawn + 1))
+        before, after = (sample_counts(present, total) for total in (drawn, drawn + 1))
         # The source whose number of samples grows by this draw.
         index = int(np.argmax(np.subtract(after, before)))
         return stored_sample(list(parts)[index], orders[index](before[index]))

@@ -15,7 +15,7 @@ from occjax.io.maps import Map
 from occjax.lightfield import Calibration
 from occjax.results.conversion import point_cloud
 from occjax.viewer.scene import ViewedScene
-from occjax.viz.colour import confidence_colours, disparity_colours, disparity_limits
+from occjax.viz.colour import confidence_colours, disparity_colours, disparity_norm
 from occjax.viz.pictures import coloured, confidence_picture, error_picture, error_scale
 
 Mode = Literal["image", "disparity", "confidence", "error", "difference"]
@@ -184,7 +184,7 @@ def legend(scene: ViewedScene, result: int, mode: Mode) -> Legend | None:
 def disparity_ends(scene: ViewedScene) -> tuple[float, float]:
     """Return the ends of the disparity colours, the same for all results of a scene."""
     ranges = [
-        disparity_limits(result.disparity, result.confidence, scene.ground_truth)
+        disparity_norm(result.disparity, result.confidence, scene.ground_truth)
         for result in scene.results
     ]
     ends = np.array([[one.vmin, one.vmax] for one in ranges], np.float64)

@@ -1,4 +1,4 @@
-"""Colour maps, and the range of values that they cover.
+"""Colour maps, and the ranges of values that they cover, as Matplotlib norms.
 
 All colour maps are perceptually uniform: equal steps of a value look equally large.
 """
@@ -56,26 +56,26 @@ def occlusion_colours() -> Colormap:
 def error_colours(threshold: float, limit: float) -> Colormap:
     """Return the colours of errors: blue is too far, red is too near.
 
-    Errors within the threshold are tints, errors beyond it are full colours. The step between them
-    makes bad pixels stand out.
+    Colours are pale up to the threshold and strong above it. The step between them makes bad pixels
+    stand out.
 
     Args:
         threshold: Error above which a pixel is bad, in pixels per view step.
         limit: Error at which the colours end; they cover ``-limit`` to ``limit``.
     """
-    diverging = colormaps["RdBu_r"]  # white at 0.5
+    diverging = colormaps["RdBu_r"]  # from blue at 0 through white at 0.5 to red at 1
     error = np.linspace(-limit, limit, 1001)
-    size = np.abs(error)
-    tint = 0.16 * size / threshold
-    full = 0.30 + 0.17 * (size - threshold) / max(limit - threshold, 1e-12)
-    away_from_white = np.where(size <= threshold, tint, full)
-    colours = diverging(0.5 + np.sign(error) * away_from_white)
+    magnitude = np.abs(error)
+    pale = 0.16 * magnitude / threshold
+    strong = 0.30 + 0.17 * (magnitude - threshold) / max(limit - threshold, 1e-12)
+    from_white = np.where(magnitude <= threshold, pale, strong)
+    colours = diverging(0.5 + np.sign(error) * from_white)
     return LinearSegmentedColormap.from_list("error", colours, N=1001).with_extremes(
         bad=NO_VALUE_COLOUR
     )
 
 
-def limits(*maps: np.ndarray) -> Normalize:
+def common_norm(*maps: np.ndarray) -> Normalize:
     """Return the common range of the finite values of several maps.
 
     An empty range is widened, so that a constant map has the middle colour.
@@ -84,16 +84,16 @@ def limits(*maps: np.ndarray) -> Normalize:
         maps: Arrays of any shape.
 
     Example:
-        >>> shared = limits(np.array([[0.0, np.nan]]), np.array([[2.0]]))
+        >>> shared = common_norm(np.array([[0.0, np.nan]]), np.array([[2.0]]))
         >>> shared.vmin, shared.vmax
         (0.0, 2.0)
     """
     values = np.concatenate([_finite(one) for one in maps])
     lowest, highest = (values.min(), values.max()) if values.size else (0.0, 0.0)
-    return _range(lowest, highest)
+    return _norm(lowest, highest)
 
 
-def disparity_limits(
+def disparity_norm(
     disparity: np.ndarray,
     confidence: np.ndarray | None = None,
     ground_truth: np.ndarray | None = None,
@@ -115,24 +115,24 @@ def disparity_limits(
 
     Example:
         >>> wild = np.array([[0.0, 1.0, 50.0]])
-        >>> round(disparity_limits(wild, np.array([[0.9, 0.9, 0.1]])).vmax, 2)
+        >>> round(disparity_norm(wild, np.array([[0.9, 0.9, 0.1]])).vmax, 2)
         1.0
     """
     check_map("disparity", disparity)
     if confidence is not None:
         check_map("confidence", confidence, disparity.shape)
     truth = np.empty(0) if ground_truth is None else _finite(ground_truth)
-    valued = np.isfinite(disparity)
+    finite = np.isfinite(disparity)
     if confidence is not None:
-        valued &= np.isfinite(confidence)
-    if confidence is None or not valued.any():
-        return limits(truth if truth.size else disparity)
-    confident = disparity[valued & (confidence >= np.median(confidence[valued]))]
+        finite &= np.isfinite(confidence)
+    if confidence is None or not finite.any():
+        return common_norm(truth if truth.size else disparity)
+    confident = disparity[finite & (confidence >= np.median(confidence[finite]))]
     ends = np.percentile(confident.astype(np.float64), (0.1, 99.9))
     low, high = truth.min(initial=ends[0]), truth.max(initial=ends[1])
     slack = 0.1 * (high - low)
     lowest, highest = _finite(disparity).min(), _finite(disparity).max()
-    return _range(
+    return _norm(
         min(low, lowest) if low - lowest < slack else low,
         max(high, highest) if highest - high < slack else high,
     )
@@ -164,7 +164,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, np.float64)[np.isfinite(values)]
 
 
-def _range(lowest: float, highest: float) -> Normalize:
+def _norm(lowest: float, highest: float) -> Normalize:
     """Return a range, which is widened if it is empty."""
     if highest - lowest < 1e-6 * max(1.0, abs(highest)):
         lowest, highest = lowest - 0.5, highest + 0.5

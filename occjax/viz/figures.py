@@ -21,7 +21,7 @@ from occjax.viz.colour import (
     colourbar_extend,
     confidence_colours,
     disparity_colours,
-    disparity_limits,
+    disparity_norm,
     occlusion_colours,
 )
 from occjax.viz.pictures import error_picture, error_scale
@@ -46,7 +46,7 @@ def disparity_figure(
     Args:
         disparity: ``[H, W]`` pixels per view step.
         confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours
-            (:func:`occjax.viz.colour.disparity_limits`). Ends of the bar that values exceed are
+            (:func:`occjax.viz.colour.disparity_norm`). Ends of the bar that values exceed are
             drawn as arrows.
         ground_truth: ``[H, W]`` pixels per view step, which the range of the colours covers.
 
@@ -60,7 +60,7 @@ def disparity_figure(
         >>> disparity_figure(np.linspace(-1.0, 1.0, 64).reshape(8, 8)).axes[1].get_ylabel()
         'disparity [pixels per view step]'
     """
-    norm = disparity_limits(disparity, confidence, ground_truth)
+    norm = disparity_norm(disparity, confidence, ground_truth)
     return _map_figure("Disparity", disparity, norm, disparity_colours(), DISPARITY_LABEL)
 
 
@@ -68,7 +68,7 @@ def depth_figure(depth: np.ndarray) -> Figure:
     """Draw a depth map with its colour bar; near is yellow and far dark blue, as for disparity.
 
     The lowest and the highest 0.1 % of the values do not widen the range of the colours
-    (:func:`occjax.viz.colour.disparity_limits`).
+    (:func:`occjax.viz.colour.disparity_norm`).
 
     Args:
         depth: ``[H, W]`` metres; infinite depth is grey.
@@ -84,7 +84,7 @@ def depth_figure(depth: np.ndarray) -> Figure:
         'depth [metres]'
     """
     check_map("depth", depth)
-    norm = disparity_limits(depth, np.ones(depth.shape))
+    norm = disparity_norm(depth, np.ones(depth.shape))
     colours = disparity_colours().reversed().with_extremes(bad=NO_VALUE_COLOUR)
     return _map_figure("Depth", depth, norm, colours, DEPTH_LABEL)
 
@@ -230,7 +230,7 @@ def comparison_figure(
         >>> [text.get_text() for text in comparison_figure(centre, disparity).texts]
         ['Centre view', 'Estimate']
     """
-    norm, colours = disparity_limits(disparity, confidence, ground_truth), disparity_colours()
+    norm, colours = disparity_norm(disparity, confidence, ground_truth), disparity_colours()
     others = {"centre view": centre[..., 0], "ground truth": ground_truth, "hidden": hidden}
     for name, values in others.items():
         if values is not None:

@@ -21,7 +21,7 @@ from occjax.viz.colour import (
     check_map,
     confidence_colours,
     disparity_colours,
-    disparity_limits,
+    disparity_norm,
     error_colours,
 )
 
@@ -62,7 +62,7 @@ def disparity_picture(
         confidence: ``[H, W]`` in [0, 1], which excludes outliers from the range of the colours.
         ground_truth: ``[H, W]`` pixels per view step, which the range of the colours covers.
         limits: Disparities of the first and the last colour, for pictures that are compared; by
-            default those of :func:`occjax.viz.colour.disparity_limits`.
+            default those of :func:`occjax.viz.colour.disparity_norm`.
 
     Returns:
         ``[H, W, 3]`` uint8 RGB.
@@ -76,7 +76,7 @@ def disparity_picture(
     """
     check_map("disparity", disparity)
     norm = (
-        disparity_limits(disparity, confidence, ground_truth)
+        disparity_norm(disparity, confidence, ground_truth)
         if limits is None
         else Normalize(*limits, clip=True)
     )

@@ -16,7 +16,7 @@ from occjax.viz.colour import (
     colourbar_extend,
     confidence_colours,
     disparity_colours,
-    disparity_limits,
+    disparity_norm,
 )
 from occjax.viz.figures import CONFIDENCE_LABEL, DISPARITY_LABEL, ERROR_LABEL
 from occjax.viz.pictures import error_picture, error_scale, view_picture
@@ -54,7 +54,7 @@ def plot_estimate(estimate: Estimate, quantity: Quantity, axes: Axes | None = No
         norm, colours, label = Normalize(0.0, 1.0), confidence_colours(), CONFIDENCE_LABEL
         values = estimate.confidence
     else:
-        norm = disparity_limits(values, estimate.confidence, truth)
+        norm = disparity_norm(values, estimate.confidence, truth)
         colours, label = disparity_colours(), DISPARITY_LABEL
     axes = _axes(axes)
     axes.imshow(values, cmap=colours, norm=norm, interpolation="nearest")

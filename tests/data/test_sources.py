@@ -11,7 +11,7 @@ from occjax.data import sources
 from occjax.data.config import AugmentationConfig
 from occjax.data.procedural import SceneConfig
 from occjax.data.samples import LightFieldSample
-from occjax.data.sources import cached_source, mixture, procedural_source, shares
+from occjax.data.sources import cached_source, mixture, procedural_source, sample_counts
 from occjax.errors import InputError
 from tests.data.scenes import cheap_scene
 
@@ -42,7 +42,7 @@ def numbers(batch):
 def test_shares_add_up_grow_and_stay_within_one_sample_of_their_weight(weights):
     before = [0] * len(weights)
     for total in range(400):
-        found = shares(weights, total)
+        found = sample_counts(weights, total)
         assert sum(found) == total
         assert all(now >= earlier for now, earlier in zip(found, before, strict=True))
         exact = total * np.array(weights) / sum(weights)

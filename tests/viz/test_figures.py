@@ -23,7 +23,7 @@ from occjax.viz import (
     view_picture,
 )
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
-from occjax.viz.colour import colourbar_extend, disparity_limits, error_colours, limits
+from occjax.viz.colour import colourbar_extend, common_norm, disparity_norm, error_colours
 
 LEFT, TOP = MARGIN, MARGIN + TITLE_HEIGHT
 RAMP = np.linspace(-1.0, 2.0, 12 * 17, dtype=np.float32).reshape(12, 17)
@@ -159,7 +159,7 @@ def test_constant_and_empty_maps_can_be_drawn(value, tmp_path):
 
 
 def test_limits_ignore_values_that_are_not_finite():
-    norm = limits(np.array([np.nan, 1.0, np.inf]), np.array([-2.0]))
+    norm = common_norm(np.array([np.nan, 1.0, np.inf]), np.array([-2.0]))
     assert (norm.vmin, norm.vmax) == (-2.0, 1.0)
 
 
@@ -167,14 +167,14 @@ def test_outliers_of_low_confidence_are_outside_the_range():
     disparity = np.tile(np.linspace(0.0, 2.0, 1000), (4, 1))
     confidence = np.full(disparity.shape, 0.6)
     disparity[0, :300], confidence[0, :300] = 9.0, 0.1
-    norm = disparity_limits(disparity, confidence)
+    norm = disparity_norm(disparity, confidence)
     np.testing.assert_allclose((norm.vmin, norm.vmax), (0.0, 2.0), atol=0.01)
     assert colourbar_extend(norm, disparity) == "max"
-    assert colourbar_extend(disparity_limits(-disparity, confidence), -disparity) == "min"
+    assert colourbar_extend(disparity_norm(-disparity, confidence), -disparity) == "min"
 
 
 def test_a_map_without_outliers_has_its_full_range():
-    norm = disparity_limits(RAMP, np.full(RAMP.shape, 0.3))
+    norm = disparity_norm(RAMP, np.full(RAMP.shape, 0.3))
     assert (norm.vmin, norm.vmax) == (-1.0, 2.0)
     assert colourbar_extend(norm, RAMP) == "neither"
 
@@ -183,14 +183,14 @@ def test_a_map_without_outliers_has_its_full_range():
 def test_the_colours_cover_the_ground_truth(confidence):
     truth = np.full(RAMP.shape, np.nan)
     truth[0, :2] = (-7.0, 8.0)
-    norm = disparity_limits(RAMP, confidence, truth)
+    norm = disparity_norm(RAMP, confidence, truth)
     assert (norm.vmin, norm.vmax) == (-7.0, 8.0)
 
 
 def test_a_map_without_values_has_a_range():
     nothing = np.full((4, 5), np.nan)
     for confidence in (None, nothing, np.ones((4, 5))):
-        norm = disparity_limits(nothing, confidence)
+        norm = disparity_norm(nothing, confidence)
         assert norm.vmin < norm.vmax
 
 

@@ -6,6 +6,7 @@ with the view. Lengths are metric: the third coordinate is the depth ``relief * 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -146,10 +147,14 @@ def brightness(
         Brightness, at least 0.
     """
     d, index = hits
-    px, py, pz = x + offset[1] * d, y + offset[0] * d, light.relief * d
+    point = x + offset[1] * d, y + offset[0] * d, light.relief * d
+    px, py, _ = point
 
     def gather(values):  # one entry per surface to one per ray
         return take_unchecked(values, index)
+
+    def sample(shade_map, y, x):  # in pixels from the image centre
+        return sample_bilinear(shade_map, y / shade.half_extent[0], x / shade.half_extent[1])
 
     row, column = _affine(gather, materials.texel_map, materials.texel_origin, px, py, d)
     scale = gather(materials.detail_scale)
@@ -158,48 +163,48 @@ def brightness(
     pattern = pattern + gather(materials.detail_contrast) * detail
     albedo = jnp.clip(gather(materials.tone) * (1.0 + pattern), 0.0, 1.2)
 
-    nx, ny, nz = _normals(gather, geometry.surfaces, light.relief, px, py, d, offset)
-    lx, ly, lz = light.lamp[0] - px, light.lamp[1] - py, light.lamp[2] - pz
-    squared = lx * lx + ly * ly + lz * lz
-    inverse = jax.lax.rsqrt(squared)
-    lx, ly, lz = lx * inverse, ly * inverse, lz * inverse
-    falloff = 2.0 / (1.0 + squared / light.half_light_distance**2)
-    shadow = sample_bilinear(
-        shade.shadow,
-        (py - light.direction[0] * d) / shade.half_extent[0],
-        (px - light.direction[1] * d) / shade.half_extent[1],
-    )
+    normal = _normals(gather, geometry.surfaces, light.relief, px, py, d, offset)
+    to_lamp = [light.lamp[axis] - point[axis] for axis in range(3)]
+    falloff = 2.0 / (1.0 + _dot(to_lamp, to_lamp) / light.half_light_distance**2)
+    to_lamp = _unit(to_lamp)
+    shadow = sample(shade.shadow, py - light.direction[0] * d, px - light.direction[1] * d)
     lit = jnp.clip(1.3 * jnp.exp(_shadow_exponent(geometry, d)) / shadow, 0.0, 1.0)
     lit = 1.0 - light.shadow * (1.0 - lit)
-    surroundings = sample_bilinear(
-        shade.disparity, py / shade.half_extent[0], px / shade.half_extent[1]
-    )
-    openness = 1.0 - light.crease * jnp.clip((surroundings - d) * light.relief / 12.0, 0.0, 1.0)
-    facing = jnp.maximum(nx * lx + ny * ly + nz * lz, 0.0)
+    sunken = sample(shade.disparity, py, px) - d  # below the surroundings, in disparity
+    openness = 1.0 - light.crease * jnp.clip(sunken * light.relief / 12.0, 0.0, 1.0)
+    facing = jnp.maximum(_dot(normal, to_lamp), 0.0)
     lamp = light.strength * falloff * lit
     diffuse = albedo * (lamp * facing + (1.0 - light.strength) * openness)
 
     # Direction to the eye: it changes with the view and, in perspective, with the pixel.
     ex = light.swing * offset[1] - light.convergence * px
     ey = light.swing * offset[0] - light.convergence * py
-    inverse = jax.lax.rsqrt(ex * ex + ey * ey + light.relief**2)
-    ex, ey, ez = ex * inverse, ey * inverse, light.relief * inverse
+    eye = _unit([ex, ey, light.relief])
     # Highlights are brightest where the normal is halfway between light and eye (Blinn, 1977).
-    hx, hy, hz = ex + lx, ey + ly, ez + lz
-    inverse = jax.lax.rsqrt(hx * hx + hy * hy + hz * hz + 1e-6)
-    aligned = (nx * hx + ny * hy + nz * hz) * inverse
-    highlight = (
-        gather(materials.gloss) * jnp.exp(gather(materials.sharpness) * (aligned - 1.0)) * lit
-    )
+    halfway = [eye[axis] + to_lamp[axis] for axis in range(3)]
+    aligned = _dot(normal, halfway) * jax.lax.rsqrt(_dot(halfway, halfway) + 1e-6)
+    sharpness = gather(materials.sharpness)
+    highlight = gather(materials.gloss) * jnp.exp(sharpness * (aligned - 1.0)) * lit
     # Reflections show the first texture.
-    outward = 2.0 * (nx * ex + ny * ey + nz * ez)
+    outward = 2.0 * _dot(normal, eye)
     mirrored = _texel(
         textures,
         jnp.zeros_like(index),
-        160.0 * (outward * ny - ey),
-        160.0 * (outward * nx - ex),
+        160.0 * (outward * normal[1] - eye[1]),
+        160.0 * (outward * normal[0] - eye[0]),
     )
     return diffuse + highlight + gather(materials.mirror) * (1.0 + mirrored) * openness
+
+
+def _dot(a: Sequence[Array], b: Sequence[Array]) -> Array:
+    """Return the dot product of vectors whose three components are arrays."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _unit(vector: Sequence[Array]) -> list[Array]:
+    """Return vectors, whose three components are arrays, scaled to length 1."""
+    inverse = jax.lax.rsqrt(_dot(vector, vector))
+    return [component * inverse for component in vector]
 
 
 def _shadow_exponent(geometry: Geometry, disparity):

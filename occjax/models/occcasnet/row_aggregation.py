@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.kernels.minimal_filtering import (
@@ -40,21 +41,22 @@ def aggregate_rows(
         variables: Variables of :class:`occjax.models.OccCasNet`.
         name: Name of the aggregation in the variables.
         config: Layers of the aggregation.
-        weights: ``[c]`` factor of each channel of the volume.
+        weights: ``[c]`` attention weight of each channel of the volume.
 
     Returns:
         ``[d, h, w]`` scores.
     """
     parameters, statistics = variables["params"][name], variables["batch_stats"][name]
 
-    def layer(read, name, residual=None, weights=None):
-        kernel = parameters[name]["kernel"]
-        norm, average = parameters[f"{name}_norm"], statistics[f"{name}_norm"]
-        scale = norm["scale"] * jax.lax.rsqrt(average["var"] + BATCH_NORM_EPSILON)
+    def layer(read, layer_name, residual=None, weights=None):
+        """Convolve, normalise, then apply ReLU or add a residual, which has a row of padding."""
+        kernel = parameters[layer_name]["kernel"]
+        norm, moments = parameters[f"{layer_name}_norm"], statistics[f"{layer_name}_norm"]
+        scale = norm["scale"] * jax.lax.rsqrt(moments["var"] + BATCH_NORM_EPSILON)
         kernel = kernel * scale[None, None, None, None]
         if weights is not None:
             kernel = kernel * weights[None, None, None, :, None]
-        shift = (norm["bias"] - average["mean"] * scale)[None, None, None]
+        shift = (norm["bias"] - moments["mean"] * scale)[None, None, None]
 
         def finish(rows, start):
             rows = rows + shift
@@ -80,14 +82,12 @@ def _score(
 
     One matrix product computes all 27 taps at every voxel. The results are then shifted and added.
     """
-    padded_rows, candidates, width, channels = volume.shape
-    taps = kernel.reshape(27, channels)
-    products = jnp.einsum("hdwc,nc->hdwn", volume, taps)
+    padded_rows, d, w, channels = volume.shape
+    h = padded_rows - 2
+    products = jnp.einsum("hdwc,nc->hdwn", volume, kernel.reshape(27, channels))
     products = jnp.pad(products, ((0, 0), (1, 1), (1, 1), (0, 0)))
     result = sum(
-        products[row : row + padded_rows - 2, depth : depth + candidates, left : left + width, tap]
-        for tap, (depth, row, left) in enumerate(
-            (depth, row, left) for depth in range(3) for row in range(3) for left in range(3)
-        )
+        products[row : row + h, candidate : candidate + d, column : column + w, tap]
+        for tap, (candidate, row, column) in enumerate(np.ndindex(3, 3, 3))
     )
     return jnp.moveaxis(jnp.asarray(result), 0, 1)
