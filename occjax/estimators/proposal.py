@@ -14,7 +14,13 @@ from occjax.estimators.protocol import DisparityRange, ModelEstimator, ModelInpu
 from occjax.estimators.ranges import choose_range
 from occjax.estimators.strips import Strips, map_strips, plan_strips
 from occjax.layout import check, view_brightness
-from occjax.lightfield import LightField, centre_index, view_offsets, whole_grid
+from occjax.lightfield import (
+    LightField,
+    centre_index,
+    to_unit_float,
+    view_offsets,
+    whole_grid,
+)
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.view_selection import is_grid, select_view_indices
@@ -85,11 +91,20 @@ class ProposalEstimator(ModelEstimator):
         # Only the selected views are converted: grey of all views takes time.
         selected_views = [divmod(int(index), light_field.grid[1]) for index in selected]
         grey = np.stack([brightness.grey(light_field, *view) for view in selected_views])
+        colour = None
+        if self.config.support is not None and light_field.centre.shape[-1] == 3:
+            colour = np.moveaxis(to_unit_float(light_field.centre), -1, 0)
         motion = max(-low, high) * float(np.abs(offsets[..., 0]).max())
         strips = plan_strips(
             light_field.image_size, len(selected), len(candidates), motion, self.config
         )
-        arguments = (candidates.astype(np.float32), offsets, np.array(limits, np.float32), strips)
+        arguments = (
+            candidates.astype(np.float32),
+            offsets,
+            np.array(limits, np.float32),
+            colour,
+            strips,
+        )
         notes = (*brightness.notes, *notes)
         if strips is not None:
             notes += (f"computed in {len(strips.rows)} strips of rows, to bound the memory",)
@@ -102,6 +117,7 @@ class ProposalEstimator(ModelEstimator):
         candidates: jax.Array,
         offsets: jax.Array,
         limits: jax.Array,
+        colour: jax.Array | None = None,
         strips: Strips | None = None,
     ) -> dict[str, Any]:
         """Apply the network and clip the disparity to the searched range."""
@@ -111,9 +127,15 @@ class ProposalEstimator(ModelEstimator):
         network = ProposalNet(self.config, dtype=jnp.dtype(self.precision))
         white = None if strips is None else white_level(views[centre_index(views.shape[:2])])
 
-        def maps(views: jax.Array) -> dict[str, Any]:
+        def maps(images: tuple[jax.Array, jax.Array | None]) -> dict[str, Any]:
+            views, colour = images
             output = network.apply(
-                variables, views, candidates=candidates, offsets=offsets, white=white
+                variables,
+                views,
+                candidates=candidates,
+                offsets=offsets,
+                white=white,
+                colour=colour,
             )
             assert isinstance(output, ProposalOutput)
             disparity = jnp.clip(output.disparity, limits[0], limits[1])
@@ -125,7 +147,8 @@ class ProposalEstimator(ModelEstimator):
                 "stages": (output.coarse, disparity),
             }
 
-        return maps(views) if strips is None else map_strips(maps, views, strips)
+        images = views, colour
+        return maps(images) if strips is None else map_strips(maps, images, strips)
 
 
 def _padded(selected: np.ndarray, count: int) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from occjax.models.proposal import ProposalNetConfig
 
@@ -31,7 +31,7 @@ class StripConfig:
     candidate_bytes: int = 40
     view_bytes: int = 80
     selector_bytes: int = 2300
-    context_rows: int = 32
+    context_rows: int = 40
 
 
 class Strips(NamedTuple):
@@ -96,15 +96,15 @@ def plan_strips(
 
 
 def map_strips(
-    function: Callable[[Float[Array, "v u n w"]], Any],
-    views: Float[Array, "v u h w"],
+    function: Callable[[Any], Any],
+    images: Any,
     strips: Strips,
 ) -> Any:
-    """Apply a function of views to one strip after the other.
+    """Apply a function of images to one strip after the other.
 
     Args:
-        function: Function that returns maps ``[n, w]`` of views ``[v, u, n, w]``.
-        views: ``[v, u, h, w]``.
+        function: Function that returns maps ``[n, w]`` of images ``[..., n, w]``.
+        images: Images ``[..., h, w]``, or a pytree of them.
         strips: The strips.
 
     Returns:
@@ -118,5 +118,9 @@ def map_strips(
         [0.0, 2.0, 4.0, 6.0]
     """
     strip, row = strips.sources
-    maps = jax.lax.map(lambda rows: function(views[:, :, rows]), jnp.asarray(strips.rows))
+
+    def strip_maps(rows: Array) -> Any:
+        return function(jax.tree.map(lambda image: image[..., rows, :], images))
+
+    maps = jax.lax.map(strip_maps, jnp.asarray(strips.rows))
     return jax.tree.map(lambda parts: parts[strip, row], maps)

@@ -88,8 +88,12 @@ def convert_legacy_names(variables: Mapping[str, Any]) -> dict[str, Any]:
 
 def _convert_legacy(description: dict[str, Any]) -> dict[str, Any]:
     """Convert a description of an earlier version; in 0.1 one class configured both networks."""
-    if description.get("kind") == "ProposalConfig":
-        return {**description, "kind": "ProposalNetConfig"}
+    if description.get("kind") in ("ProposalConfig", "ProposalNetConfig"):
+        description = {**description, "kind": "ProposalNetConfig"}
+        # Support took the place of a weighted median, which had no weights either.
+        if description.pop("weighted_median", {}) is None:
+            description["support"] = None
+        return description
     if description.get("kind") != "NetworkConfig":
         return description
     first, *others = description["stages"]

@@ -424,7 +424,7 @@ def _description(
     """Return all settings that the prepared light fields depend on."""
     network = dataclasses.replace(network, planar=None)
     if variables is None:
-        network = dataclasses.replace(network, selector=None, weighted_median=None, residual=None)
+        network = dataclasses.replace(network, selector=None, support=None, residual=None)
     elif network.residual is not None:
         network = dataclasses.replace(
             network, residual=dataclasses.replace(network.residual, widths=())

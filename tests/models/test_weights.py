@@ -1,5 +1,6 @@
 """Weights on disk, with their configuration, and files of earlier versions."""
 
+import dataclasses
 import json
 
 import jax
@@ -122,6 +123,17 @@ def test_proposal_weights_of_version_0_1_are_loaded(tmp_path):
     restored, config = load_weights(tmp_path / "light.safetensors")
     assert config == expected
     assert_equal(restored, variables)
+
+
+@pytest.mark.parametrize("stored", [{"kind": "WeightedMedianConfig", "radius_px": 2}, None])
+def test_weights_with_a_weighted_median_get_the_support_instead(tmp_path, stored):
+    config = preset("proposal_small", residual=None)
+    description = json.loads(config_to_json(config))
+    del description["support"]
+    description["weighted_median"] = stored
+    write_legacy(tmp_path / "old.safetensors", description, random_variables(config))
+    restored = load_weights(tmp_path / "old.safetensors")[1]
+    assert restored == (config if stored else dataclasses.replace(config, support=None))
 
 
 def test_occcasnet_weights_of_version_0_1_are_loaded(tmp_path, tiny_variables):

@@ -11,7 +11,7 @@ from .config import (
     ResidualConfig as ResidualConfig,
     SearchConfig as SearchConfig,
     SelectorConfig as SelectorConfig,
-    WeightedMedianConfig as WeightedMedianConfig,
+    SupportConfig as SupportConfig,
 )
 from .network import (
     ProposalNet as ProposalNet,

@@ -2,7 +2,7 @@
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
 data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection,
-weighted median, residual, planar surfaces.
+support, residual, planar surfaces.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalNetConfig.reach``.
@@ -200,20 +200,34 @@ class SelectorConfig:
 
 
 @dataclass(frozen=True)
-class WeightedMedianConfig:
-    """Weighted median that replaces the disparity of uncertain pixels.
+class SupportConfig:
+    """Support of the proposals of a pixel by the pixels around it that look alike.
 
     Attributes:
-        max_confidence: Confidence below which a pixel is uncertain.
-        radius_px: Half width of the square window, in pixels.
-        deviation_px: Distance that reduces the weight of a pixel by ``exp(-1 / 2)``, in pixels.
-        grey_scale: Difference of grey values that reduces the weight of a pixel by ``exp(-1)``.
+        radius_px: Half width of the square window, in pixels; a multiple of ``step_px``.
+        step_px: Spacing of the supporting pixels in the window, in pixels.
+        appearance_scale: Difference of colour or grey, as a mean over the channels, that reduces
+            the support of a pixel by ``exp(-1)``.
+        disparity_scale: Difference from the surface of a pixel at which its support is halved.
+        slope_step_px: Distance over which the slope of a surface is measured.
+        exponent: Power of the support in its product with the probability of a proposal.
+        floor: Smallest support.
     """
 
-    max_confidence: float = 0.8
-    radius_px: int = 2
-    deviation_px: float = 1.4
-    grey_scale: float = 0.02
+    radius_px: int = 36
+    step_px: int = 9
+    appearance_scale: float = 0.01
+    disparity_scale: float = 0.1
+    slope_step_px: int = 8
+    exponent: float = 0.8
+    floor: float = 1e-5
+
+    def __post_init__(self) -> None:
+        """Check that the window contains its centre: supporting pixels are evenly spaced."""
+        if self.step_px < 1 or self.radius_px % self.step_px:
+            raise ValueError(
+                f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
+            )
 
 
 @dataclass(frozen=True)
@@ -312,8 +326,8 @@ class ProposalNetConfig:
         refinement: Sub-pixel refinement.
         proposals: Proposals and their costs.
         selector: Learned selection; None skips proposals and selection.
-        weighted_median: Weighted median around pixels whose selection is uncertain; None keeps
-            their disparity.
+        support: Support of the proposals by the pixels around each pixel; None keeps the
+            probabilities of the selector.
         residual: Learned residual of the selected disparity; None skips it.
         planar: Planes of large planar surfaces; None keeps the disparity without them.
         confidence: Confidence of the disparity.
@@ -331,7 +345,7 @@ class ProposalNetConfig:
     refinement: RefinementConfig = RefinementConfig()
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
-    weighted_median: WeightedMedianConfig | None = WeightedMedianConfig()
+    support: SupportConfig | None = SupportConfig()
     residual: ResidualConfig | None = None
     planar: PlanarConfig | None = PlanarConfig()
     confidence: ConfidenceConfig = ConfidenceConfig()
@@ -383,7 +397,7 @@ PRESETS: dict[str, ProposalNetConfig] = {
             context_radius_px=0.0,
         ),
         selector=None,
-        weighted_median=None,
+        support=None,
         planar=None,
         views="all",
     ),

@@ -138,6 +138,35 @@ def sample_at_offsets(
     return jax.vmap(lambda row, column: image[row][:, column])(rows, columns)
 
 
+def surface_slopes(disparity: Float[Array, "h w"], step: int) -> Float[Array, "2 h w"]:
+    """Return the slope of the surface at each pixel along rows and columns, per pixel.
+
+    Of the slopes on both sides the smaller one is used, which at an edge is that of the surface
+    itself, and zero where their signs differ.
+
+    Args:
+        disparity: ``[h, w]`` disparity map.
+        step: Distance over which a slope is measured, in pixels.
+
+    Example:
+        >>> ramp = 0.5 * jnp.tile(jnp.arange(8.0), (8, 1))
+        >>> surface_slopes(ramp, 2)[:, 4, 4].tolist()
+        [0.0, 0.5]
+    """
+    slopes = []
+    for axis, direction in enumerate(((step, 0), (0, step))):
+        before, after = sample_at_offsets(disparity, [(-direction[0], -direction[1]), direction])
+        slope_before, slope_after = (disparity - before) / step, (after - disparity) / step
+        smaller = jnp.sign(slope_before) * jnp.minimum(jnp.abs(slope_before), jnp.abs(slope_after))
+        slope = jnp.where(slope_before * slope_after > 0.0, smaller, 0.0)
+        # At the border of the image there is a neighbour on one side only.
+        size = disparity.shape[axis]
+        position = jnp.expand_dims(jnp.arange(size), 1 - axis)
+        slope = jnp.where(position >= size - step, slope_before, slope)
+        slopes.append(jnp.where(position < step, slope_after, slope))
+    return jnp.stack(slopes)
+
+
 def edge_aware_mean(
     values: Float[Array, "n h w"],
     guides: Float[Array, "g h w"],

@@ -41,7 +41,7 @@ from occjax.models.proposal.residual import (
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
 from occjax.models.proposal.selector import ProposalSelector
-from occjax.models.proposal.weighted_median import replace_uncertain
+from occjax.models.proposal.support import proposal_support
 from occjax.ops import confidence, expected_disparity
 from occjax.ops.sampling import as_coordinates, as_images, as_offsets
 
@@ -70,7 +70,7 @@ class ProposalOutput(NamedTuple):
         confidence: ``[h, w]`` in [0, 1]; 1 is certain.
         standard_deviation: ``[h, w]`` standard deviation of the probabilities of the selection, or
             of the search without a selector.
-        selection: Selection before median filters, residual and planes; None without a selector.
+        selection: Selection before the median filter, residual and planes; None without a selector.
     """
 
     disparity: Float[Array, "h w"]
@@ -129,6 +129,7 @@ class ProposalNet(nn.Module):
         candidates: Float[Array, " d"] | None = None,
         offsets: Float[Array, "v u 2"] | None = None,
         white: Float[Array, ""] | None = None,
+        colour: Float[Array, "c h w"] | None = None,
     ) -> ProposalOutput:
         """Estimate the disparity of the centre view.
 
@@ -141,6 +142,8 @@ class ProposalNet(nn.Module):
                 regular grid by default.
             white: Grey level that counts as white, for a part of a larger image; by default that of
                 the centre view.
+            colour: ``[c, h, w]`` channels of the centre view in [0, 1], which tell surfaces of
+                equal grey apart; by default its grey.
 
         Returns:
             Disparity, the results of the steps before it, and the confidence.
@@ -150,7 +153,12 @@ class ProposalNet(nn.Module):
         """
         height, width = views.shape[2:]
         grey, candidates, scale = self.normalise(
-            views, candidates, offsets, multiple=self.config.size_multiple, white=white
+            views,
+            candidates,
+            offsets,
+            multiple=self.config.size_multiple,
+            white=white,
+            colour=colour,
         )
         searched, coarse, refined = self.search_and_refine(grey, candidates)
         selected = self._select_disparity(grey, candidates, searched, refined)
@@ -193,17 +201,40 @@ class ProposalNet(nn.Module):
             selection = self.select(
                 make_proposals(grey, searched, refined.disparity, candidates, self.config)
             )
+            if self.config.support is not None:
+                selection = self._support(selection, certainty, grey.appearance)
             # A single pixel that differs from all its neighbours is more often wrong than correct.
             disparity = median_filter(selection.disparity)
             certainty = selection_confidence(selection, certainty, self.config)
             difference = selection.proposed - selection.disparity[None]
             deviation = confidence(selection.probabilities, difference).standard_deviation
-        if self.config.weighted_median is not None:
-            disparity = replace_uncertain(
-                disparity, certainty, grey.centre, self.config.weighted_median
-            )
         information = refined.information * jnp.square(certainty)
         return _Selected(disparity, certainty, deviation, information, selection)
+
+    def _support(
+        self,
+        selection: Selection,
+        certainty: Float[Array, "h w"],
+        appearance: Float[Array, "c h w"],
+    ) -> Selection:
+        """Select again, by the product of probability and support of each proposal.
+
+        The probabilities of the result count half of the support: the selector has seen a part of
+        what the support is measured from, and the full product is too certain.
+        """
+        settings = self.config.support
+        assert settings is not None
+        support = proposal_support(
+            selection.proposed,
+            median_filter(selection.disparity),
+            selection_confidence(selection, certainty, self.config),
+            appearance,
+            settings,
+        )
+        factor = (support + settings.floor) ** (settings.exponent / 2)
+        probabilities = _normalised(selection.probabilities * factor)
+        supported = self._most_likely(selection.proposed, _normalised(probabilities * factor))
+        return supported._replace(probabilities=probabilities)
 
     def _volume(self, grey: GreyViews, selected: _Selected) -> ResidualVolume:
         """Compute the volume around the disparity that was selected."""
@@ -224,6 +255,7 @@ class ProposalNet(nn.Module):
         *,
         multiple: int,
         white: Float[Array, ""] | None = None,
+        colour: Float[Array, "c h w"] | None = None,
     ) -> tuple[GreyViews, Float[Array, " d"], Float[Array, ""]]:
         """Scale brightness to the configured white and offsets to the configured reach.
 
@@ -235,6 +267,7 @@ class ProposalNet(nn.Module):
             offsets: ``[v, u, 2]`` offset of each view, or None for a regular grid.
             multiple: Number of pixels that height and width are padded to a multiple of.
             white: Grey level that counts as white; None for that of the centre view.
+            colour: ``[c, h, w]`` channels of the centre view, or None.
 
         Returns:
             Padded views, candidates at the configured reach, and the factor of the disparities.
@@ -256,10 +289,15 @@ class ProposalNet(nn.Module):
                 raise InputError(f"candidates must be at least 3, not {len(candidates)}")
             candidates = as_coordinates(candidates)[0] * scale
         white = white_level(views[centre_index((v, u))]) if white is None else white
-        grey = views * (self.config.exposure.white / white)
         below, right = (-size % multiple for size in (h, w))
-        grey = jnp.pad(grey, ((0, 0), (0, 0), (0, below), (0, right)), mode="edge")
-        return GreyViews(grey, offsets / scale), candidates, scale
+
+        def scaled(images: Float[Array, "*n h w"]) -> Float[Array, "*n _ _"]:
+            margins = ((0, 0),) * (images.ndim - 2) + ((0, below), (0, right))
+            return jnp.pad(images * (self.config.exposure.white / white), margins, mode="edge")
+
+        if colour is not None:
+            colour = scaled(as_images(colour, "c h w"))
+        return GreyViews(scaled(views), offsets / scale, colour), candidates, scale
 
     def search_and_refine(
         self, grey: GreyViews, candidates: Float[Array, " d"]
@@ -288,16 +326,22 @@ class ProposalNet(nn.Module):
             The selection: expectation over the proposals close to the most likely one.
         """
         assert self.config.selector is not None
-        probabilities = softmax_leading(self.selector(proposals))
-        difference = proposals.proposed - proposals.disparity[None]
+        return self._most_likely(proposals.proposed, softmax_leading(self.selector(proposals)))
+
+    def _most_likely(
+        self, proposed: Float[Array, "k h w"], probabilities: Float[Array, "k h w"]
+    ) -> Selection:
+        """Select the expectation over the proposals close to the most likely one."""
+        assert self.config.selector is not None
+        # The first proposal is the refined disparity; differences from it lose fewer digits.
+        difference = proposed - proposed[:1]
         index = jnp.argmax(probabilities, axis=0, keepdims=True)
         likeliest = jnp.take_along_axis(difference, index, axis=0)
         # The factor keeps proposals at exactly this distance despite rounding.
         near = jnp.abs(difference - likeliest) <= 1.001 * self.config.selector.window
-        averaged = jnp.where(near, probabilities, 0.0)
-        averaged = averaged / sum_leading(averaged)[None]
-        disparity = proposals.disparity + expected_disparity(averaged, difference)
-        return Selection(disparity, proposals.proposed, probabilities)
+        averaged = _normalised(jnp.where(near, probabilities, 0.0))
+        disparity = proposed[0] + expected_disparity(averaged, difference)
+        return Selection(disparity, proposed, probabilities)
 
     def compute_residual(self, volume: ResidualVolume) -> Residual:
         """Compute the residual of a disparity from the volume around it.
@@ -384,6 +428,11 @@ def variable_shapes(config: ProposalNetConfig) -> dict:
         ``variables`` with a ``jax.ShapeDtypeStruct`` for each array.
     """
     return dict(jax.eval_shape(partial(random_variables, config), jax.random.key(0)))
+
+
+def _normalised(weights: Float[Array, "k h w"]) -> Float[Array, "k h w"]:
+    """Return probabilities proportional to the weights."""
+    return weights / sum_leading(weights)[None]
 
 
 def _smoothness(disparity: Float[Array, "h w"], edge_step: float) -> Float[Array, "h w"]:

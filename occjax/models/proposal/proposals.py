@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Float16
 from occjax.kernels.reductions import max_leading
 from occjax.models.proposal.aperture import SECTORS
 from occjax.models.proposal.config import ProposalNetConfig
-from occjax.models.proposal.filters import box_filter, sample_at_offsets
+from occjax.models.proposal.filters import box_filter, sample_at_offsets, surface_slopes
 from occjax.models.proposal.resolution import depth_to_space, space_to_depth, upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, interpolate_volume
 from occjax.models.proposal.sector_costs import (
@@ -176,20 +176,10 @@ def continued_surfaces(
     """Continue the surfaces of the neighbours at the offsets to each pixel.
 
     Each surface is continued by its slope, so that on one surface all neighbours propose the same
-    disparity, however slanted it is. Of the slopes on both sides the smaller one is used, which at
-    an edge is that of the surface itself, and zero where their signs differ.
+    disparity, however slanted it is.
     """
     continued = sample_at_offsets(disparity, offsets)
-    for axis, direction in enumerate(((step, 0), (0, step))):
-        before, after = sample_at_offsets(disparity, [(-direction[0], -direction[1]), direction])
-        slope_before, slope_after = (disparity - before) / step, (after - disparity) / step
-        smaller = jnp.sign(slope_before) * jnp.minimum(jnp.abs(slope_before), jnp.abs(slope_after))
-        slope = jnp.where(slope_before * slope_after > 0.0, smaller, 0.0)
-        # At the border of the image there is a neighbour on one side only.
-        size = disparity.shape[axis]
-        position = jnp.expand_dims(jnp.arange(size), 1 - axis)
-        slope = jnp.where(position >= size - step, slope_before, slope)
-        slope = jnp.where(position < step, slope_after, slope)
+    for axis, slope in enumerate(surface_slopes(disparity, step)):
         distance = jnp.array([offset[axis] for offset in offsets], disparity.dtype)
         continued = continued - distance[:, None, None] * sample_at_offsets(slope, offsets)
     return continued

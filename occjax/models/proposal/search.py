@@ -32,15 +32,23 @@ class GreyViews(NamedTuple):
         views: ``[v, u, h, w]`` grey levels relative to the exposure's white.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view, in view
             steps of the configured reach.
+        colour: ``[c, h, w]`` channels of the centre view, at the same brightness; None if only its
+            grey is known.
     """
 
     views: Float[Array, "v u h w"]
     offsets: Float[Array, "v u 2"]
+    colour: Float[Array, "c h w"] | None = None
 
     @property
     def centre(self) -> Float[Array, "h w"]:
         """Centre view."""
         return self.views[centre_index(self.views.shape[:2])]
+
+    @property
+    def appearance(self) -> Float[Array, "c h w"]:
+        """Channels of the centre view, or its grey."""
+        return self.centre[None] if self.colour is None else self.colour
 
 
 class SearchResult(NamedTuple):

@@ -1,0 +1,85 @@
+"""Support of the proposals of a pixel by the pixels around it that look alike.
+
+Where the costs do not tell two proposals apart, for instance on a blank wall next to a thin object,
+the wall around it does: it has the colour of the pixel and the disparity of one proposal. This is
+the adaptive support of Yoon and Kweon (Adaptive Support-Weight Approach for Correspondence Search,
+PAMI 2006), with disparities that are already selected instead of matching costs, over a large
+window. The supporting pixels continue their surfaces by their slope.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from occjax.kernels.reductions import sum_leading
+from occjax.models.proposal.config import SupportConfig
+from occjax.models.proposal.filters import surface_slopes
+
+
+def proposal_support(
+    proposed: Float[Array, "k h w"],
+    disparity: Float[Array, "h w"],
+    certainty: Float[Array, "h w"],
+    appearance: Float[Array, "c h w"],
+    config: SupportConfig,
+) -> Float[Array, "k h w"]:
+    """Compute how much the pixels around each pixel support each of its proposals.
+
+    A pixel at the offset ``o`` supports a proposal by the product of its squared certainty, the
+    similarity of its appearance ``exp(-|difference| / appearance_scale)``, with the mean over the
+    channels, and the agreement ``1 / (1 + ((d - d_o) / disparity_scale)^2)`` of the proposal ``d``
+    with the disparity ``d_o`` of its surface, continued by its slope.
+
+    Args:
+        proposed: ``[k, h, w]`` proposed disparities.
+        disparity: ``[h, w]`` selected disparity.
+        certainty: ``[h, w]`` its confidence in [0, 1].
+        appearance: ``[c, h, w]`` colour or grey of the centre view.
+        config: Settings.
+
+    Returns:
+        ``[k, h, w]`` mean support in [0, 1].
+
+    Example:
+        >>> blue = jnp.arange(16) < 8
+        >>> appearance = jnp.tile(jnp.where(blue, 0.2, 0.6), (1, 16, 1))
+        >>> disparity = jnp.tile(jnp.where(blue, -1.0, 2.0), (16, 1))
+        >>> proposed = jnp.stack([jnp.full((16, 16), -1.0), jnp.full((16, 16), 2.0)])
+        >>> support = proposal_support(
+        ...     proposed, disparity, jnp.ones((16, 16)), appearance, SupportConfig()
+        ... )
+        >>> (support[0] > support[1])[8].astype(int).tolist()
+        [1, 1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0]
+    """
+    height, width = disparity.shape
+    radius, channels = config.radius_px, len(appearance)
+    slopes = surface_slopes(disparity, config.slope_step_px)
+    maps = jnp.concatenate([appearance, disparity[None], slopes])
+    margins = [(0, 0), (radius, radius), (radius, radius)]
+    # Pixels outside of the image support nothing.
+    weights = jnp.pad(jnp.square(certainty), margins[1:])
+    padded = jnp.concatenate([jnp.pad(maps, margins, mode="edge"), weights[None]])
+    columns = range(0, 2 * radius + 1, config.step_px)
+
+    def add_row(sums: Float[Array, "k h w"], row: Array) -> tuple[Float[Array, "k h w"], None]:
+        strip = jax.lax.dynamic_slice(
+            padded, (0, row, 0), (len(padded), height, width + 2 * radius)
+        )
+        distance = (row - radius).astype(disparity.dtype)
+        terms = []
+        for column in columns:
+            shifted = strip[:, :, column : column + width]
+            difference = sum_leading(jnp.abs(shifted[:channels] - appearance)) / channels
+            surface, down, right, weight = shifted[channels:]
+            surface = surface - distance * down - float(column - radius) * right
+            weight = weight * jnp.exp(-difference / config.appearance_scale)
+            terms.append(
+                weight[None]
+                / (1.0 + jnp.square((proposed - surface[None]) / config.disparity_scale))
+            )
+        return sums + sum(terms), None
+
+    support, _ = jax.lax.scan(add_row, jnp.zeros_like(proposed), jnp.array(columns))
+    return support / len(columns) ** 2
