@@ -17,7 +17,7 @@ from occjax.io.atomic import atomic_path
 if TYPE_CHECKING:
     from occjax.viz.refocusing import Refocuser
 
-Scene = Annotated[
+SceneArgument = Annotated[
     Path, Positional, option("Folder of views, image of all views, or array file.", "SCENE")
 ]
 Rate = Annotated[float, arg(metavar="RATE", help="Frames per second of a video.")]
@@ -27,7 +27,7 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif")
 
 
 def refocus_command(
-    scene: Scene,
+    scene: SceneArgument,
     output: Annotated[
         Path,
         arg(
@@ -126,7 +126,7 @@ def refocus_command(
 
 
 def sweep_command(
-    scene: Scene,
+    scene: SceneArgument,
     output: Annotated[
         Path,
         arg(
