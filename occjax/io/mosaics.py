@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from occjax.errors import InputError, warn
+from occjax.errors import InputError, check_whole_pair, warn
 from occjax.io.config import ReadingConfig
 from occjax.io.images import read_image
 from occjax.io.layouts import Mosaic
@@ -250,6 +250,7 @@ def _view_size(
     image: np.ndarray, grid: tuple[int, int], prefix: str = "", remedy: str = ""
 ) -> tuple[int, int]:
     """Return ``(H, W)`` of the views in an image of all views."""
+    check_whole_pair("grid", grid)
     (rows, columns), (height, width) = grid, image.shape[:2]
     if height % rows or width % columns:
         raise InputError(
@@ -270,7 +271,7 @@ def split_tiles(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
         ``[V, U, H, W, C]`` views.
 
     Raises:
-        InputError: If the grid does not divide the size of the image.
+        InputError: If the grid is not two whole numbers that divide the size of the image.
 
     Example:
         >>> split_tiles(np.arange(4).reshape(2, 2, 1), (2, 1))[:, :, 0, :, 0].tolist()
@@ -292,12 +293,13 @@ def split_quilt(image: np.ndarray, tiles: tuple[int, int]) -> np.ndarray:
         ``[1, U, H, W, C]`` views, U the number of tiles.
 
     Raises:
-        InputError: If there are more tiles than pixels.
+        InputError: If there are no tiles, or more than pixels.
 
     Example:
         >>> split_quilt(np.arange(4).reshape(2, 2, 1), (2, 2)).ravel().tolist()
         [2, 3, 0, 1]
     """
+    check_whole_pair("tiles", tiles)
     rows, columns = tiles
     h, w = image.shape[0] // rows, image.shape[1] // columns
     if min(h, w) < 1:
@@ -337,7 +339,7 @@ def split_macpi(image: np.ndarray, grid: tuple[int, int]) -> np.ndarray:
         ``[V, U, H, W, C]`` views.
 
     Raises:
-        InputError: If the grid does not divide the size of the image.
+        InputError: If the grid is not two whole numbers that divide the size of the image.
 
     Example:
         >>> split_macpi(np.arange(4).reshape(1, 4, 1), (1, 2))[0, :, 0, :, 0].tolist()

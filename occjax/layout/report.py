@@ -160,7 +160,8 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         The scores of the eight view orders, the best one, and the disparity range of the scene.
 
     Raises:
-        InputError: If there is only one view, or all camera positions are the same.
+        InputError: If it is an array, if there is only one view, or if all camera positions are
+            the same.
 
     Example:
         >>> columns = np.random.default_rng(0).random(48, np.float32)
@@ -171,6 +172,11 @@ def check(light_field: LightField, config: ViewOrderConfig | None = None) -> Vie
         >>> check(LightField(views[::-1])).best.name
         'rows flipped'
     """
+    if not isinstance(light_field, LightField):
+        raise InputError(
+            f"light_field must be a LightField, not {type(light_field).__name__}; pass "
+            "LightField(views)"
+        )
     if config is None and light_field.view_order_report is not None:
         return light_field.view_order_report
     config = ViewOrderConfig() if config is None else config

@@ -156,7 +156,7 @@ def save_picture(picture: np.ndarray, path: str | Path) -> None:
         path: File to write; an existing file is replaced.
 
     Raises:
-        InputError: If the file cannot be written.
+        InputError: If the picture is not uint8 RGB, or the file cannot be written.
 
     Example:
         >>> import tempfile
@@ -165,6 +165,11 @@ def save_picture(picture: np.ndarray, path: str | Path) -> None:
         >>> path.exists()
         True
     """
+    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[-1] != 3:
+        raise InputError(
+            f"picture must be [H, W, 3] uint8, not {list(picture.shape)} {picture.dtype}; make it "
+            "with disparity_picture, view_picture or np.uint8(255 * picture)"
+        )
     with atomic_path(path) as temporary:
         # The lowest compression takes a third of the time for files that are little larger.
         Image.fromarray(picture).save(temporary, format="PNG", compress_level=1)

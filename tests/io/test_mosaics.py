@@ -9,7 +9,7 @@ from PIL import Image
 
 from occjax.errors import InputError
 from occjax.io import GridWarning, join_macpi, join_tiles, load, split_macpi, split_tiles
-from occjax.io.mosaics import detect_mosaic
+from occjax.io.mosaics import detect_mosaic, split_quilt
 from tests.io.scenes import two_planes
 
 VIEWS = arrays.arrays(np.uint8, st.tuples(*[st.integers(1, 4)] * 4, st.sampled_from([1, 3])))
@@ -38,6 +38,14 @@ def test_a_macpi_image_has_a_grid_at_each_pixel(views):
 def test_a_grid_that_does_not_divide_the_image_is_refused(split):
     with pytest.raises(InputError, match="10x12 pixels are not a multiple of the 3x4 grid"):
         split(np.zeros((10, 12, 3)), (3, 4))
+
+
+@pytest.mark.parametrize("split", [split_tiles, split_macpi, split_quilt])
+@pytest.mark.parametrize("grid", [(0, 3), (5, -4), (2.0, 3.0), (5,)])
+@pytest.mark.usefixtures("unchecked")
+def test_a_grid_that_is_not_two_positive_numbers_is_refused(split, grid):
+    with pytest.raises(InputError, match=r"must be two whole numbers .* of at least 1"):
+        split(np.zeros((10, 12, 3)), grid)
 
 
 @pytest.mark.parametrize("join", [join_tiles, join_macpi])

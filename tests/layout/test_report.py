@@ -188,6 +188,12 @@ def test_one_view_is_refused():
         check(LightField(np.zeros((1, 1, 8, 8, 1), np.uint8)))
 
 
+@pytest.mark.usefixtures("unchecked")
+def test_an_array_is_refused(scene):
+    with pytest.raises(InputError, match=r"not ndarray; pass LightField\(views\)"):
+        check(scene.views)
+
+
 def test_positions_that_are_all_the_same_are_refused(scene):
     with pytest.raises(InputError, match="camera positions are the same"):
         check(LightField(scene.views, positions=np.zeros((5, 5, 2), np.float32)))

@@ -20,6 +20,7 @@ from occjax.viz import (
     error_picture,
     occlusion_figure,
     save,
+    save_picture,
     view_picture,
 )
 from occjax.viz.canvas import MARGIN, TITLE_HEIGHT, whole_zoom
@@ -270,6 +271,7 @@ MISFITS = [
     (lambda: comparison_figure(VIEW, RAMP, RAMP[:1]), "ground truth must be"),
     (lambda: comparison_figure(VIEW, RAMP, hidden=RAMP[:1] > 0), "hidden must be"),
     (lambda: view_picture(RAMP), r"view must be \[H, W, C\] with C of 1 or 3, not \[12, 17\]"),
+    (lambda: save_picture(RAMP, "ramp.png"), r"must be \[H, W, 3\] uint8, not \[12, 17\] float"),
 ]
 
 
