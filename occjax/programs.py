@@ -60,7 +60,7 @@ _WITHOUT_EFFECT = ("cache", "default_device", "dump", "explain", "log", "traceba
 
 _report: ContextVar[Callable[[], None]] = ContextVar("report", default=lambda: None)
 
-_preloaded: dict[Path, Future[Any]] = {}
+preloaded: dict[Path, Future[Any]] = {}
 """Programs that are being loaded before they are asked for, by their file."""
 
 
@@ -178,7 +178,7 @@ def load_or_compile(
         return build(None)
     identity = name if traced is None else (traced.as_text(),)
     path = folder / (_key(identity, structure, shapes, device) + SUFFIX)
-    early = _preloaded.pop(path, None)
+    early = preloaded.pop(path, None)
     program = _read(path, device) if early is None else early.result()
     if program is None:
         return build(path)
@@ -198,7 +198,7 @@ def preload() -> None:
         return
     for _, _, path in _entries(folder)[:1]:
         with_one_thread = ThreadPoolExecutor(1)
-        _preloaded[path] = with_one_thread.submit(_read, path, current_device())
+        preloaded[path] = with_one_thread.submit(_read, path, current_device())
         with_one_thread.shutdown(wait=False)
 
 

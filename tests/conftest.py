@@ -40,8 +40,8 @@ def optimised_view_order_check():
     from occjax.layout import consistency  # after pytest has installed the check of annotations
 
     options = {"xla_backend_optimization_level": 2, "xla_cpu_use_fusion_emitters": True}
-    consistency._arm_volume = jax.jit(
-        consistency._arm_volume.__wrapped__, static_argnames="radius", compiler_options=options
+    consistency.arm_volume = jax.jit(
+        consistency.arm_volume.__wrapped__, static_argnames="radius", compiler_options=options
     )
 
 

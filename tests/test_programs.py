@@ -134,7 +134,7 @@ def test_the_program_that_was_used_last_is_loaded_early(folder, call, one_device
     assert not call(name=("first",))
     last = programs.cached_programs()[0]
     programs.preload()
-    (loading,) = programs._preloaded.values()
+    (loading,) = programs.preloaded.values()
     assert loading.result() is not None
     last.chmod(0o666)  # would be refused if it were read again
     assert not call(name=("first",))

@@ -85,7 +85,7 @@ class Pipelines(Generic[_Loaded, _Result]):
                 for future in wait(running, return_when=FIRST_EXCEPTION).done:
                     future.result()  # raises the error of a thread
         except KeyboardInterrupt as interrupt:
-            self._abandon(128 + (signal.SIGTERM if "SIGTERM" in interrupt.args else signal.SIGINT))
+            self.abandon(128 + (signal.SIGTERM if "SIGTERM" in interrupt.args else signal.SIGINT))
         finally:
             self._stopped.set()
             threads.shutdown()
@@ -164,7 +164,7 @@ class Pipelines(Generic[_Loaded, _Result]):
             tqdm.write(f"occjax: {kind}{error}", file=sys.stderr)
         self._progress.update()
 
-    def _abandon(self, code: int) -> NoReturn:
+    def abandon(self, code: int) -> NoReturn:
         """End the process without waiting for what JAX compiles or runs.
 
         Scenes that are being written have five seconds to finish.

@@ -253,13 +253,13 @@ def _start_comparison(
     part_size = 13
     padded = np.pad(candidates, (0, -len(candidates) % part_size), mode="edge")
     return [
-        _arm_volume(centre, images, offsets, np.float32(part), radius=radius)
+        arm_volume(centre, images, offsets, np.float32(part), radius=radius)
         for part in padded.reshape(-1, part_size)
     ]
 
 
 @kept
-def _arm_volume(
+def arm_volume(
     centre: Float[Array, "h w"],
     images: Float[Array, "n h w"],
     offsets: Float[Array, "n 2"],

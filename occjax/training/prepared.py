@@ -82,9 +82,9 @@ class PreparedSample(NamedTuple):
     valid: Bool[Array, "*b h w"]
 
 
-_TRUTH = {"truth": Float32[np.ndarray, "h w"], "valid": Bool[np.ndarray, "h w"]}
+TRUTH_FIELDS = {"truth": Float32[np.ndarray, "h w"], "valid": Bool[np.ndarray, "h w"]}
 
-_PROPOSALS = {
+PROPOSAL_FIELDS = {
     "centre": UInt8[np.ndarray, "h w"],
     "disparity": Float32[np.ndarray, "h w"],
     "proposed": Int16[np.ndarray, "k h w"],
@@ -93,7 +93,7 @@ _PROPOSALS = {
     "peak_probability": Float16[np.ndarray, "h w"],
 }
 
-_VOLUME = {
+VOLUME_FIELDS = {
     "centre": Float16[np.ndarray, "h w"],
     "disparity": Float32[np.ndarray, "h w"],
     "reference": Float16[np.ndarray, f"{STATISTICS} h w"],
@@ -394,8 +394,8 @@ def read_prepared(path: Path, *, volume: bool = False) -> PreparedSample:
         InputError: If the file cannot be read or is damaged.
     """
     what, remedy = "a prepared light field", "remove it, and it is computed again"
-    stored, kind = (_VOLUME, ResidualVolume) if volume else (_PROPOSALS, PackedProposals)
-    fields = load_fields(path, {**stored, **_TRUTH}, what=what, remedy=remedy)
+    stored, kind = (VOLUME_FIELDS, ResidualVolume) if volume else (PROPOSAL_FIELDS, PackedProposals)
+    fields = load_fields(path, {**stored, **TRUTH_FIELDS}, what=what, remedy=remedy)
     truth, valid = fields.pop("truth"), fields.pop("valid")
     # The fields are annotated as JAX arrays; Any permits NumPy arrays.
     packed: Any = kind(**fields)  # type: ignore[arg-type]

@@ -406,7 +406,7 @@ class PixelPanel(Panel):
                 hint="The same pixel row in all views of the centre row, or the same pixel column "
                 "in all views of the centre column.",
             )
-            self._epi = gui.add_image(black, format="png")
+            self.epi = gui.add_image(black, format="png")
             gui.add_markdown(
                 "One line of pixels of each view, stacked; dark lines are brightened. A point "
                 "draws a slanted line; the pink line has the slope of its disparity, and should "
@@ -463,7 +463,7 @@ class PixelPanel(Panel):
             self._light_field, y, x, line, radius_px=self.page.config.epi_radius_px
         )
         picked = x if line == "row" else y
-        self._epi.image = epipolar_picture(epi, picked, self.page.disparity)
+        self.epi.image = epipolar_picture(epi, picked, self.page.disparity)
 
     def _show_cost(self, disparity: float) -> None:
         assert self._light_field is not None

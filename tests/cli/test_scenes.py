@@ -284,7 +284,7 @@ def test_only_of_several_scenes_an_interruption_leaves_others(count, promised, m
     scene_names = {Path(f"scene{number}"): f"scene{number}" for number in range(count)}
     monkeypatch.setattr(os, "_exit", sys.exit)
     with pytest.raises(SystemExit):
-        Pipelines(scene_names, **steps, single_scene=count == 1)._abandon(130)
+        Pipelines(scene_names, **steps, single_scene=count == 1).abandon(130)
     err = capsys.readouterr().err
     assert "occjax: interrupted; scenes written: 0" in err
     assert ("the same command estimates the others" in err) == promised

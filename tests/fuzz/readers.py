@@ -42,7 +42,7 @@ from occjax.models.registry import preset
 from occjax.models.weights import load_weights
 from occjax.results.summary import read_summary
 from occjax.training.logging import read_log
-from occjax.training.prepared import _PROPOSALS, _TRUTH, _VOLUME, read_prepared
+from occjax.training.prepared import PROPOSAL_FIELDS, TRUTH_FIELDS, VOLUME_FIELDS, read_prepared
 from tests.io.files import CONFIG, hci, save_views
 
 RNG = np.random.default_rng(0)
@@ -235,11 +235,11 @@ SIZES = {"h": 8, "w": 10, "k": 4, "13": 13, "d": 5, "4": 4}
 def zeros_of(kinds):
     return {
         name: np.zeros([SIZES[axis] for axis in kind.dim_str.split()], kind.dtypes[0])
-        for name, kind in {**kinds, **_TRUTH}.items()
+        for name, kind in {**kinds, **TRUTH_FIELDS}.items()
     }
 
 
-PREPARED_PROPOSALS, PREPARED_VOLUME = zeros_of(_PROPOSALS), zeros_of(_VOLUME)
+PREPARED_PROPOSALS, PREPARED_VOLUME = zeros_of(PROPOSAL_FIELDS), zeros_of(VOLUME_FIELDS)
 
 
 def sample_fields():

@@ -43,7 +43,7 @@ def test_the_epipolar_plane_image_is_that_of_the_chosen_line(viewer, two_results
         viewer.pixel.line.value = line
         viewer.wait_until_idle()
         epi = epipolar_image(field, 10, 12, line, radius_px=ViewerConfig().epi_radius_px)
-        np.testing.assert_array_equal(viewer.pixel._epi.image, epipolar_picture(epi, picked, 0.5))
+        np.testing.assert_array_equal(viewer.pixel.epi.image, epipolar_picture(epi, picked, 0.5))
 
 
 def test_the_confidence_threshold_hides_points(viewer):
