@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 from occjax.errors import InputError
 from occjax.models import FeatureConfig, OccCasNetConfig, StageConfig
-from occjax.models.occcasnet.config import CORRELATION_GROUPS
 
 
 class Layer(NamedTuple):
@@ -177,7 +176,7 @@ def _stage(
     # Channels of the volume: mean and variance over the views, their correlation in groups of
     # channels, or the features of each view.
     channels = config.features.channels
-    depth = {"statistics": 2 * channels, "correlation": CORRELATION_GROUPS}.get(
+    depth = {"statistics": 2 * channels, "correlation": config.correlation_groups}.get(
         stage.volume, prod(grid) * channels
     )
     shape = (len(stage.candidates), *image_size)

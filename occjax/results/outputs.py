@@ -66,7 +66,8 @@ FILES = tuple(
 """All file names that an estimate may be written to."""
 
 MIN_CONFIDENCE = 1e-3
-"""Confidence below which all candidates are practically equally probable."""
+"""Confidence that is zero up to rounding, below which all candidates are equally probable. It is no
+setting: :class:`OutputOptions` has the one that chooses among usable pixels."""
 
 
 @dataclass(frozen=True)

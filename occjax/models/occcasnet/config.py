@@ -12,9 +12,6 @@ VolumeKind = Literal["concatenate", "statistics", "correlation"]
 Warp = Literal["correct", "transposed"]
 FeatureStatistics = Literal["pooled", "per_view"]
 
-CORRELATION_GROUPS = 4
-"""Groups of feature channels in a volume of correlations; must divide the number of channels."""
-
 
 @dataclass(frozen=True)
 class FeatureConfig:
@@ -123,6 +120,8 @@ class OccCasNetConfig:
         feature_statistics: Samples over which BatchNorm of the feature network computes its
             statistics in training: ``"pooled"`` over all views of the batch, or ``"per_view"`` as
             in the published code, which calls the network once per view.
+        correlation_groups: Groups of feature channels in a volume of correlations; must divide the
+            number of channels.
     """
 
     stages: tuple[StageConfig, ...]
@@ -132,6 +131,7 @@ class OccCasNetConfig:
     shared_aggregation: bool = False
     warp: Warp = "correct"
     feature_statistics: FeatureStatistics = "pooled"
+    correlation_groups: int = 4
 
     def __post_init__(self) -> None:
         """Check that the network can be built."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
@@ -14,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from occjax.errors import InputError
 from occjax.lightfield import view_offsets
 from occjax.models.occcasnet.aggregation import Aggregation, ViewAttention
-from occjax.models.occcasnet.config import CORRELATION_GROUPS, OccCasNetConfig
+from occjax.models.occcasnet.config import OccCasNetConfig
 from occjax.models.occcasnet.features import FeatureNetwork
 from occjax.models.occcasnet.stages import StageOutput, regress_stage
 from occjax.ops import (
@@ -29,14 +26,14 @@ from occjax.ops import (
 from occjax.ops.sampling import as_images
 from occjax.ops.volume import Combine
 
-COMBINE: Mapping[str, Combine] = MappingProxyType(
-    {
+
+def combine_function(config: OccCasNetConfig, index: int) -> Combine:
+    """Return the function that combines the registered views into the volume of a stage."""
+    return {
         "concatenate": concatenate,
         "statistics": mean_and_variance,
-        "correlation": group_correlation(CORRELATION_GROUPS),
-    }
-)
-"""Function that combines the registered views, by the kind of volume."""
+        "correlation": group_correlation(config.correlation_groups),
+    }[config.stages[index].volume]
 
 
 class OccCasNet(nn.Module):
@@ -207,7 +204,7 @@ class OccCasNet(nn.Module):
     ) -> Float[Array, "d h w k"]:
         """Build the cost volume of a stage: coarse for the first stage, refined for the others."""
         weights = None if maps is None else occlusion_weights(maps)
-        combine = COMBINE[self.config.stages[index].volume]
+        combine = combine_function(self.config, index)
         if before is None:
             return coarse_volume(features, candidates, weights=weights, combine=combine)
         offsets = self.warp_offsets()

@@ -25,7 +25,7 @@ from occjax.errors import InputError
 from occjax.kernels.minimal_filtering import INPUT_ROWS, OUTPUT_ROWS
 from occjax.lightfield import view_offsets
 from occjax.models.occcasnet.config import OccCasNetConfig
-from occjax.models.occcasnet.network import COMBINE, OccCasNet
+from occjax.models.occcasnet.network import OccCasNet, combine_function
 from occjax.models.occcasnet.row_aggregation import aggregate_rows
 from occjax.models.occcasnet.stages import StageOutput, regress_stage
 from occjax.ops import (
@@ -107,7 +107,7 @@ def predict(
         maps = method("occlusion", index, views, before, ground_truth)
         offsets = view_offsets(*config.views) if before is None else network.warp_offsets()
         volume = _StageVolume(
-            features, values, before, maps, jnp.asarray(offsets), COMBINE[stage.volume]
+            features, values, before, maps, jnp.asarray(offsets), combine_function(config, index)
         )
         attention = method("attend", index, volume.channel_means()) if stage.attention else None
         compute = partial(_score_strip, network, variables, index, volume, attention)

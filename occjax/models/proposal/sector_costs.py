@@ -25,7 +25,8 @@ from occjax.models.proposal.filters import box_filter
 from occjax.ops.sampling import as_coordinates, as_images
 
 MIN_WEIGHT = 1e-3
-"""Weight, in views, of the aperture's mean in each sector; it fills sectors without views."""
+"""Weight, in views, of the aperture's mean in each sector. It guards against a division by zero:
+a sector without views has that mean."""
 
 
 class SectorCosts(NamedTuple):
