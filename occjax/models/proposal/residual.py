@@ -28,21 +28,35 @@ from occjax.models.proposal.search import GreyViews
 from occjax.models.proposal.sector_costs import geman_mcclure, refined_costs
 from occjax.ops import expected_disparity
 
-STATISTICS = 4
-"""Number of statistics over the views in a :class:`ResidualVolume`."""
+
+class ViewStatistics(NamedTuple):
+    """Statistics over the views, in the order in which a :class:`ResidualVolume` stacks them.
+
+    Logarithms are scaled by 0.3.
+
+    Attributes:
+        log_square: Logarithm of the mean squared difference of grey from the centre view.
+        log_derivative: The same of the derivatives of grey.
+        robust: Mean robust cost of the derivatives.
+        log_variance: Logarithm of the variance of grey over the views.
+    """
+
+    log_square: Float[Array, "*shape"]
+    log_derivative: Float[Array, "*shape"]
+    robust: Float[Array, "*shape"]
+    log_variance: Float[Array, "*shape"]
+
+
+STATISTICS = len(ViewStatistics._fields)
 
 
 class ResidualVolume(NamedTuple):
     """Cost volume around a disparity map, and the maps that guide its aggregation.
 
-    The statistics, in this order: logarithm of the mean squared difference of grey, the same of its
-    derivatives, mean robust cost of the derivatives, logarithm of the variance of grey over the
-    views. Logarithms are scaled by 0.3.
-
     Attributes:
         centre: ``[h, w]`` grey centre view.
         disparity: ``[h, w]`` disparity that the candidates surround.
-        reference: ``[s, h, w]`` statistics at this disparity.
+        reference: ``[s, h, w]`` :class:`ViewStatistics` at this disparity.
         relative: ``[s, d, h, w]`` statistics at the candidates, minus those at this disparity.
         certainty: ``[h, w]`` confidence of the disparity in [0, 1].
         log_information: ``[h, w]`` scaled logarithm of the information of each pixel.
@@ -95,7 +109,14 @@ def residual_volume(
         )
         mean, square, derivative, robust = sums[:, 0] / (count + 1e-3)
         variance = jnp.maximum(square - mean * mean, 0.0)
-        return jnp.stack([_log(square), _log(derivative), robust, _log(variance)])
+        return jnp.stack(
+            ViewStatistics(
+                log_square=_log(square),
+                log_derivative=_log(derivative),
+                robust=robust,
+                log_variance=_log(variance),
+            )
+        )
 
     # One candidate at a time: less memory in the same time.
     candidates = jnp.array(config.candidates, disparity.dtype)
@@ -159,9 +180,10 @@ class ResidualStage(nn.Module):
         outputs = 4 * (len(candidates) + 1)
         score = nn.Dense(outputs, kernel_init=nn.initializers.zeros, dtype=self.dtype, name="score")
         scores = jnp.moveaxis(depth_to_space(score(context))[0].astype(jnp.float32), -1, 0)
-        probabilities = softmax_leading(scores[:-1])
+        candidate_scores, log_odds = scores[:-1], scores[-1]
+        probabilities = softmax_leading(candidate_scores)
         certainty = jnp.clip(volume.certainty, 1e-4, 1.0 - 1e-3)
-        confidence = nn.sigmoid(jnp.log(certainty / (1.0 - certainty)) + scores[-1])
+        confidence = nn.sigmoid(jnp.log(certainty / (1.0 - certainty)) + log_odds)
         return Residual(expected_disparity(probabilities, candidates), confidence)
 
 
