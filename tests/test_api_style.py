@@ -17,6 +17,7 @@ PACKAGES = (
     "evaluation",
     "models",
     "estimators",
+    "results",
     "training",
     "data.procedural",
     "viewer",

@@ -155,6 +155,14 @@ def write_outputs(
 
     Raises:
         InputError: If the folder cannot be written.
+
+    Example:
+        >>> import tempfile
+        >>> flat, wall = np.ones((8, 8), np.float32), LightField(np.zeros((3, 3, 8, 8), np.uint8))
+        >>> estimate = Estimate(flat, flat, flat, (0.0, 2.0), "mine")
+        >>> outputs = write_outputs(estimate, wall, tempfile.mkdtemp(), OutputOptions(("cloud",)))
+        >>> [path.name for path in outputs.paths]
+        ['points.ply', 'summary.json']
     """
     folder, options = Path(folder), options or OutputOptions()
     metrics = compare(estimate.disparity, light_field.ground_truth)

@@ -25,6 +25,22 @@ def read_estimate(folder: str | Path, light_field: LightField | None = None) -> 
         folder: Folder that :func:`occjax.results.outputs.write_outputs` has written, with the group
             ``maps``.
         light_field: The light field that was estimated, if you have it.
+
+    Returns:
+        The estimate. What was not saved is None; an unknown standard deviation is NaN.
+
+    Raises:
+        InputError: If the folder has no disparity map or no summary, a file is damaged, or the
+            light field has another size or is around another view.
+
+    Example:
+        >>> import tempfile
+        >>> from occjax.results import write_outputs
+        >>> flat, wall = np.ones((8, 8), np.float32), LightField(np.zeros((3, 3, 8, 8), np.uint8))
+        >>> estimate = Estimate(flat, flat, flat, (0.0, 2.0), "mine")
+        >>> outputs = write_outputs(estimate, wall, tempfile.mkdtemp())
+        >>> read_estimate(outputs.folder).disparity_range
+        (0.0, 2.0)
     """
     folder = Path(folder)
     disparity = read_map(map_of_results(folder)).values
