@@ -1,4 +1,4 @@
-"""Local means and medians of images, and their reduction in size."""
+"""Local means of images, and their reduction in size."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ Image = TypeVar("Image", np.ndarray, Array)
 
 def box_mean(image: Image, radius: int) -> Image:
     """Return the ``[h, w]`` mean over a square of side ``2 * radius + 1``; borders replicated.
+
+    :func:`occjax.models.proposal.filters.box_filter` is for stacks within a compiled program. This
+    function also filters NumPy arrays, without a compilation for each size.
 
     Args:
         image: ``[h, w]`` NumPy or JAX array; the result is of the same kind.
@@ -38,19 +41,6 @@ def high_pass(image: Image, radius: int) -> Image:
         radius: Half width of the square of the mean, in pixels.
     """
     return image - box_mean(image, radius)
-
-
-def median_filter(image: np.ndarray) -> np.ndarray:
-    """Return the ``[h, w]`` medians of 3x3 pixels; borders replicated.
-
-    Example:
-        >>> spot = np.zeros((5, 5), np.float32)
-        >>> spot[2, 2] = 9
-        >>> float(median_filter(spot).max())
-        0.0
-    """
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(image, 1, mode="edge"), (3, 3))
-    return np.median(windows, axis=(-2, -1))
 
 
 def reduce_image(image: np.ndarray, scale: int) -> np.ndarray:

@@ -22,9 +22,10 @@ from jax.scipy.ndimage import map_coordinates
 from jaxtyping import Array, Float, Int
 
 from occjax.kernels.bilinear import project_pixels
+from occjax.kernels.median import median_filter
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import RegistrationConfig, ViewOrderConfig
-from occjax.layout.filters import box_mean, high_pass, median_filter, reduce_image
+from occjax.layout.filters import box_mean, high_pass, reduce_image
 from occjax.lightfield import (
     LightField,
     centre_index,

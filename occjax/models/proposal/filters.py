@@ -1,7 +1,6 @@
 """Filters of maps and of cost volumes.
 
 * :func:`box_filter`, :func:`binomial_filter`: unweighted and weighted mean over a square window;
-* :func:`median_filter`: median over 3x3 pixels;
 * :func:`central_differences`: derivatives;
 * :func:`sample_at_offsets`: values at fixed offsets from each pixel;
 * :func:`edge_aware_mean`: mean over a large neighbourhood that stops at edges;
@@ -67,29 +66,6 @@ def binomial_filter(image: Float[Array, "*n h w"]) -> Float[Array, "*n h w"]:
         [1.0, 8.0, 28.0, 56.0, 70.0, 56.0, 28.0, 8.0, 1.0]
     """
     return _weighted_sums(image, BINOMIAL.tolist())
-
-
-def median_filter(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
-    """Compute the median of the 3x3 pixels around each pixel, borders replicated.
-
-    Args:
-        image: ``[h, w]`` map.
-
-    Returns:
-        ``[h, w]`` medians.
-
-    Example:
-        >>> float(median_filter(jnp.zeros((5, 5)).at[2, 2].set(9.0)).max())
-        0.0
-    """
-    # A sorting network is much faster than a sort.
-    padded = jnp.pad(image, 1, mode="edge")
-    low, middle, high = _sort_three(padded[:-2], padded[1:-1], padded[2:])
-    # Of three sorted columns the median is the median of these three values.
-    max_low = functools.reduce(jnp.maximum, _column_triple(low))
-    median_middle = _sort_three(*_column_triple(middle))[1]
-    min_high = functools.reduce(jnp.minimum, _column_triple(high))
-    return _sort_three(max_low, median_middle, min_high)[1]
 
 
 def central_differences(
@@ -280,19 +256,6 @@ def _weighted_sums(image: Array, weights: Sequence[float]) -> Array:
         )
         sums = functools.reduce(jnp.add, terms)
     return sums
-
-
-def _sort_three(one: Array, two: Array, three: Array) -> tuple[Array, Array, Array]:
-    """Sort three arrays element by element in ascending order."""
-    one, two = jnp.minimum(one, two), jnp.maximum(one, two)
-    two, three = jnp.minimum(two, three), jnp.maximum(two, three)
-    one, two = jnp.minimum(one, two), jnp.maximum(one, two)
-    return one, two, three
-
-
-def _column_triple(padded: Array) -> tuple[Array, Array, Array]:
-    """Return the left neighbour, the pixel itself and the right neighbour of each column."""
-    return padded[:, :-2], padded[:, 1:-1], padded[:, 2:]
 
 
 def _edge_aware_sums(

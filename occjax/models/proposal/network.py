@@ -18,11 +18,11 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from occjax.errors import InputError
+from occjax.kernels.median import median_filter
 from occjax.kernels.reductions import softmax_leading, sum_leading
 from occjax.lightfield import centre_index
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
-from occjax.models.proposal.filters import median_filter
 from occjax.models.proposal.planar import flatten_planar_surfaces
 from occjax.models.proposal.planes import Refined, refine
 from occjax.models.proposal.proposals import (

@@ -20,14 +20,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from occjax.kernels.bilinear import warp_plane
+from occjax.kernels.median import median_filter
 from occjax.models.proposal.aperture import nearest_views, other_views
 from occjax.models.proposal.config import ProposalNetConfig, RefinementConfig
-from occjax.models.proposal.filters import (
-    box_filter,
-    central_differences,
-    fit_planes,
-    median_filter,
-)
+from occjax.models.proposal.filters import box_filter, central_differences, fit_planes
 from occjax.models.proposal.noise import noise_level, subsample
 from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, candidate_spacing

@@ -41,12 +41,6 @@ def test_binomial_gain_and_correlation_are_those_of_filtered_noise():
     np.testing.assert_allclose(correlation, filters.BINOMIAL_CORRELATION, atol=0.02)
 
 
-def test_median_filter_is_the_median_of_each_window(uniform):
-    image = uniform(5, 6)
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(image, 1, mode="edge"), (3, 3))
-    np.testing.assert_array_equal(filters.median_filter(image), np.median(windows, (2, 3)))
-
-
 def test_values_are_sampled_at_offsets_with_replicated_borders():
     image = np.arange(20.0, dtype=np.float32).reshape(4, 5)
     offsets = [(0, 0), (-2, 0), (0, 3), (4, -4)]
