@@ -11,9 +11,9 @@ def test_one_pixel_in_a_hundred_exceeds_white():
     assert np.mean(grey > float(white_level(jnp.asarray(grey)))) == 0.01
 
 
-def test_white_of_a_nearly_black_view_is_positive(tolerance):
+def test_white_of_a_nearly_black_view_is_positive():
     grey = jnp.zeros((50, 50)).at[0, 0].set(0.8)
-    np.testing.assert_allclose(white_level(grey), 0.008, **tolerance("absolute"))
+    assert abs(float(white_level(grey)) - 0.008) < 1e-6
     assert float(white_level(jnp.zeros((5, 5)))) > 0
 
 
