@@ -205,8 +205,10 @@ def export_estimator(
     """Export the estimator as portable StableHLO with weights and candidates inside.
 
     The export runs without occjax, wherever StableHLO runs. It neither registers views nor corrects
-    their brightness. Write ``exported.serialize()`` to a file (extra ``export``) and call
-    ``jax.export.deserialize(data).call(views)`` with grey float32 views ``[v, u, h, w]`` in [0, 1].
+    their brightness, and takes grey views only. Write ``exported.serialize()`` to a file (extra
+    ``export``) and call ``jax.export.deserialize(data).call(views)`` with grey float32 views
+    ``[v, u, h, w]`` in [0, 1]. ProposalNet uses the colour of a light field, so that its estimate
+    differs slightly from that of the export.
 
     Args:
         estimator: From :func:`make_estimator`.
@@ -232,7 +234,10 @@ def export_estimator(
     """
     if importlib.util.find_spec("flatbuffers") is None:  # jax.export serialises with it
         raise InputError("an export needs flatbuffers; run pip install 'occjax[export]'")
-    inputs = estimator.prepare(registered(light_field)[0], disparity_range)
+    light_field = registered(light_field)[0]
+    # Arguments are constants of the function; the colour of this light field must not be one.
+    light_field = dataclasses.replace(light_field, views=light_field.grey()[..., None])
+    inputs = estimator.prepare(light_field, disparity_range)
     arguments = jax.tree.map(jnp.asarray, inputs.arguments)
     indices, image_shape = inputs.view_indices, inputs.views.shape[2:]
 

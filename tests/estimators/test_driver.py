@@ -1,5 +1,6 @@
 """From a light field to an estimate: what all estimators have in common."""
 
+import dataclasses
 import importlib.util
 import pickle
 import sys
@@ -147,6 +148,19 @@ def test_exported_estimator_gives_the_same_result(name, estimators, scene, toler
     result = restored.call(jnp.asarray(scene.grey()))
     expected = run_estimator(estimators[name], scene, disparity_range=RANGE)
     np.testing.assert_allclose(result["disparity"], expected.disparity, **tolerance("float32"))
+
+
+@pytest.mark.slow
+def test_an_export_has_no_colour_of_its_light_field(estimators, scene):
+    estimator = estimators["proposal_small"]
+    exported = export_estimator(estimator, scene, disparity_range=RANGE)
+    grey = dataclasses.replace(scene, views=scene.grey()[..., None])
+    of_colour, of_grey = (
+        run_estimator(estimator, each, disparity_range=RANGE).disparity for each in (scene, grey)
+    )
+    assert np.abs(of_colour - of_grey).max() > 0.1
+    result = exported.call(jnp.asarray(scene.grey()))
+    np.testing.assert_allclose(result["disparity"], of_grey, atol=1e-3)
 
 
 def test_model_of_the_documentation_estimates_a_slanted_plane(scene):
