@@ -211,7 +211,7 @@ class SupportConfig:
         disparity_scale: Difference from the surface of a pixel at which its support is halved.
         slope_step_px: Distance over which the slope of a surface is measured.
         exponent: Power of the support in its product with the probability of a proposal.
-        floor: Smallest support.
+        floor: Positive number that is added to the support.
     """
 
     radius_px: int = 36
@@ -223,11 +223,13 @@ class SupportConfig:
     floor: float = 1e-5
 
     def __post_init__(self) -> None:
-        """Check that the window contains its centre: supporting pixels are evenly spaced."""
+        """Check that the window contains its centre, and that no support is zero."""
         if self.step_px < 1 or self.radius_px % self.step_px:
             raise ValueError(
                 f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
             )
+        if self.floor <= 0.0:  # all proposals of a blank image would have the probability 0 / 0
+            raise ValueError(f"floor must be positive, not {self.floor:g}")
 
 
 @dataclass(frozen=True)

@@ -102,3 +102,8 @@ def test_the_network_without_colour_uses_grey():
 def test_the_step_must_divide_the_radius():
     with pytest.raises(ValueError, match="multiple of step_px, not 10 and 4"):
         SupportConfig(radius_px=10, step_px=4)
+
+
+def test_the_floor_must_be_positive():
+    with pytest.raises(ValueError, match="floor must be positive, not 0"):
+        SupportConfig(floor=0.0)
