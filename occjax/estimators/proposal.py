@@ -38,7 +38,7 @@ class ProposalEstimator(ModelEstimator):
     def prepare(
         self, light_field: LightField, disparity_range: DisparityRange | None
     ) -> ModelInputs:
-        """Select views and convert them to grey; choose the candidates.
+        """Select views and convert them to grey, keep the centre view's colour, choose candidates.
 
         Raises:
             InputError: If there is only one view, or the range is too wide.
@@ -125,7 +125,7 @@ class ProposalEstimator(ModelEstimator):
         from occjax.models.proposal import ProposalNet, ProposalOutput
 
         network = ProposalNet(self.config, dtype=jnp.dtype(self.precision))
-        white = None if strips is None else white_level(views[centre_index(views.shape[:2])])
+        white = None if strips is None else white_level(views)
 
         def maps(images: tuple[jax.Array, jax.Array | None]) -> dict[str, Any]:
             views, colour = images

@@ -31,7 +31,7 @@ class StripConfig:
     candidate_bytes: int = 40
     view_bytes: int = 80
     selector_bytes: int = 2300
-    context_rows: int = 40
+    context_rows: int = 44
 
 
 class Strips(NamedTuple):
@@ -74,7 +74,7 @@ def plan_strips(
     Example:
         >>> plan_strips((512, 512), 17, 30, 20.0, ProposalNetConfig())
         >>> plan_strips((2000, 1500), 17, 30, 20.0, ProposalNetConfig()).rows.shape
-        (4, 604)
+        (4, 628)
     """
     h, w = image_size
     bytes_per_pixel = config.candidate_bytes * candidates + config.view_bytes * views

@@ -209,7 +209,7 @@ class SupportConfig:
         appearance_scale: Difference of colour or grey, as a mean over the channels, that reduces
             the support of a pixel by ``exp(-1)``.
         disparity_scale: Difference from the surface of a pixel at which its support is halved.
-        slope_step_px: Distance over which the slope of a surface is measured.
+        slope_step_px: Distance over which the slope of a surface is measured, in pixels.
         exponent: Power of the support in its product with the probability of a proposal.
         floor: Positive number that is added to the support.
     """
@@ -228,8 +228,9 @@ class SupportConfig:
             raise ValueError(
                 f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
             )
-        if self.floor <= 0.0:  # all proposals of a blank image would have the probability 0 / 0
-            raise ValueError(f"floor must be positive, not {self.floor:g}")
+        # With a floor of 0, all proposals of a blank image would have the probability 0 / 0.
+        if min(self.appearance_scale, self.disparity_scale, self.floor) <= 0.0:
+            raise ValueError("appearance_scale, disparity_scale and floor must be positive")
 
 
 @dataclass(frozen=True)

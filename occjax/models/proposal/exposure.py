@@ -6,23 +6,27 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from occjax.lightfield import centre_index
 
-def white_level(centre: Float[Array, "h w"]) -> Float[Array, ""]:
+
+def white_level(views: Float[Array, "v u h w"]) -> Float[Array, ""]:
     """Return the grey level that counts as white: the 99th percentile of the centre view.
 
-    If nearly all of the view is black, a hundredth of its maximum is the lower bound.
+    If nearly all of the centre view is black, a hundredth of the maximum of all views is the lower
+    bound.
 
     Args:
-        centre: ``[h, w]`` grey centre view.
+        views: ``[v, u, h, w]`` grey views.
 
     Returns:
         Positive grey level.
 
     Example:
-        >>> round(float(white_level(jnp.linspace(0.0, 1.0, 101)[None])), 2)
+        >>> round(float(white_level(jnp.linspace(0.0, 1.0, 101)[None, None, None])), 2)
         0.99
     """
-    return jnp.maximum(jnp.maximum(jnp.quantile(centre, 0.99), centre.max() / 100), 1e-9)
+    centre = views[centre_index(views.shape[:2])]
+    return jnp.maximum(jnp.maximum(jnp.quantile(centre, 0.99), views.max() / 100), 1e-9)
 
 
 def vignette_mask(centre: Float[Array, "h w"], level: float) -> Bool[Array, "h w"]:

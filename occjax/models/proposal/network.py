@@ -20,7 +20,6 @@ from jaxtyping import Array, Float
 from occjax.errors import InputError
 from occjax.kernels.median import median_filter
 from occjax.kernels.reductions import softmax_leading, sum_leading
-from occjax.lightfield import centre_index
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
 from occjax.models.proposal.planar import flatten_planar_surfaces
@@ -219,8 +218,16 @@ class ProposalNet(nn.Module):
     ) -> Selection:
         """Select again, by the product of probability and support of each proposal.
 
-        The probabilities of the result count half of the support: the selector has seen a part of
-        what the support is measured from, and the full product is too certain.
+        The probabilities of the result, and with them the confidence, are the product with the root
+        of the support: those of the full product are too close to 0 and 1.
+
+        Args:
+            selection: Selection by the selector.
+            certainty: ``[h, w]`` certainty of the search.
+            appearance: ``[c, h, w]`` colour or grey of the centre view.
+
+        Returns:
+            The new selection.
         """
         settings = self.config.support
         assert settings is not None
@@ -288,7 +295,7 @@ class ProposalNet(nn.Module):
             if len(candidates) < 3:
                 raise InputError(f"candidates must be at least 3, not {len(candidates)}")
             candidates = as_coordinates(candidates)[0] * scale
-        white = white_level(views[centre_index((v, u))]) if white is None else white
+        white = white_level(views) if white is None else white
         below, right = (-size % multiple for size in (h, w))
 
         def scaled(images: Float[Array, "*n h w"]) -> Float[Array, "*n _ _"]:
@@ -296,6 +303,8 @@ class ProposalNet(nn.Module):
             return jnp.pad(images * (self.config.exposure.white / white), margins, mode="edge")
 
         if colour is not None:
+            if colour.ndim != 3 or not colour.shape[0] or colour.shape[1:] != (h, w):
+                raise InputError(f"colour must be [c, {h}, {w}], not {list(colour.shape)}")
             colour = scaled(as_images(colour, "c h w"))
         return GreyViews(scaled(views), offsets / scale, colour), candidates, scale
 

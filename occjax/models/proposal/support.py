@@ -1,10 +1,12 @@
-"""Support of the proposals of a pixel by the pixels around it that look alike.
+"""Support of the proposals of a pixel by the pixels around it that have its colour.
 
-Where the costs do not tell two proposals apart, for instance on a blank wall next to a thin object,
-the wall around it does: it has the colour of the pixel and the disparity of one proposal. This is
-the adaptive support of Yoon and Kweon (Adaptive Support-Weight Approach for Correspondence Search,
-PAMI 2006), with disparities that are already selected instead of matching costs, over a large
-window. The supporting pixels continue their surfaces by their slope.
+On a blank wall next to a thin object, the costs do not tell the disparity of the wall from that of
+the object. The certain pixels of the wall have the colour of the pixel, and the disparity of one
+of its proposals. This is the adaptive support of Yoon and Kweon (Adaptive Support-Weight Approach
+for Correspondence Search, PAMI 2006), with disparities that are already selected instead of
+matching costs, over a large window. The supporting pixels continue their surfaces by their slope.
+
+Disparities are those at the configured reach.
 """
 
 from __future__ import annotations
@@ -21,13 +23,13 @@ from occjax.models.proposal.filters import surface_slopes
 def proposal_support(
     proposed: Float[Array, "k h w"],
     disparity: Float[Array, "h w"],
-    certainty: Float[Array, "h w"],
+    confidence: Float[Array, "h w"],
     appearance: Float[Array, "c h w"],
     config: SupportConfig,
 ) -> Float[Array, "k h w"]:
     """Compute how much the pixels around each pixel support each of its proposals.
 
-    A pixel at the offset ``o`` supports a proposal by the product of its squared certainty, the
+    A pixel at the offset ``o`` supports a proposal by the product of its squared confidence, the
     similarity of its appearance ``exp(-|difference| / appearance_scale)``, with the mean over the
     channels, and the agreement ``1 / (1 + ((d - d_o) / disparity_scale)^2)`` of the proposal ``d``
     with the disparity ``d_o`` of its surface, continued by its slope.
@@ -35,12 +37,13 @@ def proposal_support(
     Args:
         proposed: ``[k, h, w]`` proposed disparities.
         disparity: ``[h, w]`` selected disparity.
-        certainty: ``[h, w]`` its confidence in [0, 1].
+        confidence: ``[h, w]`` its confidence in [0, 1].
         appearance: ``[c, h, w]`` colour or grey of the centre view.
         config: Settings.
 
     Returns:
-        ``[k, h, w]`` mean support in [0, 1].
+        ``[k, h, w]`` support in [0, 1]: the mean over the window, in which pixels outside of the
+        image count as 0.
 
     Example:
         >>> blue = jnp.arange(16) < 8
@@ -59,9 +62,9 @@ def proposal_support(
     maps = jnp.concatenate([appearance, disparity[None], slopes])
     margins = [(0, 0), (radius, radius), (radius, radius)]
     # Pixels outside of the image support nothing.
-    weights = jnp.pad(jnp.square(certainty), margins[1:])
+    weights = jnp.pad(jnp.square(confidence), margins[1:])
     padded = jnp.concatenate([jnp.pad(maps, margins, mode="edge"), weights[None]])
-    columns = range(0, 2 * radius + 1, config.step_px)
+    starts = range(0, 2 * radius + 1, config.step_px)  # of the shifted images in the padded one
 
     def add_row(sums: Float[Array, "k h w"], row: Array) -> tuple[Float[Array, "k h w"], None]:
         strip = jax.lax.dynamic_slice(
@@ -69,11 +72,11 @@ def proposal_support(
         )
         distance = (row - radius).astype(disparity.dtype)
         terms = []
-        for column in columns:
+        for column in starts:
             shifted = strip[:, :, column : column + width]
             difference = sum_leading(jnp.abs(shifted[:channels] - appearance)) / channels
-            surface, down, right, weight = shifted[channels:]
-            surface = surface - distance * down - float(column - radius) * right
+            surface, slope_down, slope_right, weight = shifted[channels:]
+            surface = surface - distance * slope_down - float(column - radius) * slope_right
             weight = weight * jnp.exp(-difference / config.appearance_scale)
             terms.append(
                 weight[None]
@@ -81,5 +84,5 @@ def proposal_support(
             )
         return sums + sum(terms), None
 
-    support, _ = jax.lax.scan(add_row, jnp.zeros_like(proposed), jnp.array(columns))
-    return support / len(columns) ** 2
+    support, _ = jax.lax.scan(add_row, jnp.zeros_like(proposed), jnp.array(starts))
+    return support / len(starts) ** 2

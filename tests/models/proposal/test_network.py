@@ -121,6 +121,12 @@ def test_any_grid_and_size_give_a_map_of_that_size(shape, uniform):
 
 
 @pytest.mark.slow
+def test_a_black_centre_view_gives_finite_maps(variables, views):
+    output = jax.jit(ProposalNet(CONFIG).apply)(variables, views.at[1, 1].set(0.0))
+    for maps in (output.disparity, output.confidence, output.standard_deviation):
+        assert np.isfinite(maps).all()
+
+
 def test_padding_changes_nothing_inside(variables):
     """On a slanted plane, before training: all steps up to the selection are correct."""
     config = dataclasses.replace(CONFIG, reach=1.0)  # of 3x3 views

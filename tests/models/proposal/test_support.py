@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from occjax.errors import InputError
 from occjax.models import ProposalNet, preset
 from occjax.models.proposal import SupportConfig
 from occjax.models.proposal.filters import surface_slopes
@@ -104,6 +105,14 @@ def test_the_step_must_divide_the_radius():
         SupportConfig(radius_px=10, step_px=4)
 
 
-def test_the_floor_must_be_positive():
-    with pytest.raises(ValueError, match="floor must be positive, not 0"):
-        SupportConfig(floor=0.0)
+@pytest.mark.parametrize("name", ["appearance_scale", "disparity_scale", "floor"])
+def test_scales_must_be_positive(name):
+    with pytest.raises(ValueError, match="floor must be positive"):
+        SupportConfig(**{name: 0.0})
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_colour_of_another_size_is_refused():
+    network = ProposalNet(preset("photometric"))
+    with pytest.raises(InputError, match=r"colour must be \[c, 8, 12\], not \[8, 12, 3\]"):
+        network.apply({}, jnp.zeros((3, 3, 8, 12)), colour=jnp.zeros((8, 12, 3)))
