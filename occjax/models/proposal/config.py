@@ -209,7 +209,6 @@ class SupportConfig:
         appearance_scale: Difference of colour or grey, as a mean over the channels, that reduces
             the support of a pixel by ``exp(-1)``.
         disparity_scale: Difference from the surface of a pixel at which its support is halved.
-        slope_step_px: Distance over which the slope of a surface is measured, in pixels.
         exponent: Power of the support in its product with the probability of a proposal.
         floor: Positive number that is added to the support.
     """
@@ -218,7 +217,6 @@ class SupportConfig:
     step_px: int = 9
     appearance_scale: float = 0.01
     disparity_scale: float = 0.1
-    slope_step_px: int = 8
     exponent: float = 0.8
     floor: float = 1e-5
 

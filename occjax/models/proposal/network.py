@@ -22,6 +22,7 @@ from occjax.kernels.median import median_filter
 from occjax.kernels.reductions import softmax_leading, sum_leading
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
+from occjax.models.proposal.filters import surface_slopes
 from occjax.models.proposal.planar import flatten_planar_surfaces
 from occjax.models.proposal.planes import Refined, refine
 from occjax.models.proposal.proposals import (
@@ -231,9 +232,11 @@ class ProposalNet(nn.Module):
         """
         settings = self.config.support
         assert settings is not None
+        disparity = median_filter(selection.disparity)
         support = proposal_support(
             selection.proposed,
-            median_filter(selection.disparity),
+            disparity,
+            surface_slopes(disparity, self.config.proposals.slope_step_px),
             selection_confidence(selection, certainty, self.config),
             appearance,
             settings,
@@ -303,9 +306,10 @@ class ProposalNet(nn.Module):
             return jnp.pad(images * (self.config.exposure.white / white), margins, mode="edge")
 
         if colour is not None:
-            if colour.ndim != 3 or not colour.shape[0] or colour.shape[1:] != (h, w):
+            colour = as_images(colour, "c h w", "colour")
+            if not colour.shape[0] or colour.shape[1:] != (h, w):
                 raise InputError(f"colour must be [c, {h}, {w}], not {list(colour.shape)}")
-            colour = scaled(as_images(colour, "c h w"))
+            colour = scaled(colour)
         return GreyViews(scaled(views), offsets / scale, colour), candidates, scale
 
     def search_and_refine(

@@ -17,12 +17,12 @@ from jaxtyping import Array, Float
 
 from occjax.kernels.reductions import sum_leading
 from occjax.models.proposal.config import SupportConfig
-from occjax.models.proposal.filters import surface_slopes
 
 
 def proposal_support(
     proposed: Float[Array, "k h w"],
     disparity: Float[Array, "h w"],
+    slopes: Float[Array, "2 h w"],
     confidence: Float[Array, "h w"],
     appearance: Float[Array, "c h w"],
     config: SupportConfig,
@@ -37,6 +37,7 @@ def proposal_support(
     Args:
         proposed: ``[k, h, w]`` proposed disparities.
         disparity: ``[h, w]`` selected disparity.
+        slopes: ``[2, h, w]`` its slope along rows and columns, per pixel.
         confidence: ``[h, w]`` its confidence in [0, 1].
         appearance: ``[c, h, w]`` colour or grey of the centre view.
         config: Settings.
@@ -49,16 +50,16 @@ def proposal_support(
         >>> blue = jnp.arange(16) < 8
         >>> appearance = jnp.tile(jnp.where(blue, 0.2, 0.6), (1, 16, 1))
         >>> disparity = jnp.tile(jnp.where(blue, -1.0, 2.0), (16, 1))
+        >>> slopes = jnp.zeros((2, 16, 16))
         >>> proposed = jnp.stack([jnp.full((16, 16), -1.0), jnp.full((16, 16), 2.0)])
         >>> support = proposal_support(
-        ...     proposed, disparity, jnp.ones((16, 16)), appearance, SupportConfig()
+        ...     proposed, disparity, slopes, jnp.ones((16, 16)), appearance, SupportConfig()
         ... )
         >>> (support[0] > support[1])[8].astype(int).tolist()
         [1, 1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0]
     """
     height, width = disparity.shape
     radius, channels = config.radius_px, len(appearance)
-    slopes = surface_slopes(disparity, config.slope_step_px)
     maps = jnp.concatenate([appearance, disparity[None], slopes])
     margins = [(0, 0), (radius, radius), (radius, radius)]
     # Pixels outside of the image support nothing.

@@ -14,10 +14,10 @@ from occjax.models.proposal.support import proposal_support
 support_of = jax.jit(proposal_support, static_argnames="config")
 
 
-def reference(proposed, disparity, certainty, appearance, config):
+def reference(proposed, disparity, slopes, certainty, appearance, config):
     """Sum the support of each pixel of the window, one by one."""
     height, width = disparity.shape
-    down, right = np.asarray(surface_slopes(jnp.asarray(disparity), config.slope_step_px))
+    down, right = slopes
     steps = range(-config.radius_px, config.radius_px + 1, config.step_px)
     result = np.zeros_like(proposed)
     for y, x in np.ndindex(height, width):
@@ -38,11 +38,12 @@ def reference(proposed, disparity, certainty, appearance, config):
 def test_it_is_the_sum_over_the_window(channels, tolerance):
     generator = np.random.default_rng(0)
     proposed = generator.random((3, 13, 11), np.float32)
-    disparity, certainty = generator.random((2, 13, 11), np.float32)
+    disparity, certainty, *slopes = generator.random((4, 13, 11), np.float32)
+    slopes = np.stack(slopes) / 10
     appearance = generator.random((channels, 13, 11), np.float32) / 20
-    config = SupportConfig(radius_px=4, step_px=2, slope_step_px=3)
-    found = support_of(proposed, disparity, certainty, appearance, config=config)
-    expected = reference(proposed, disparity, certainty, appearance, config)
+    config = SupportConfig(radius_px=4, step_px=2)
+    found = support_of(proposed, disparity, slopes, certainty, appearance, config=config)
+    expected = reference(proposed, disparity, slopes, certainty, appearance, config)
     np.testing.assert_allclose(found, expected, **tolerance("float32"))
 
 
@@ -52,7 +53,8 @@ def test_a_slanted_surface_supports_its_own_disparity(tolerance):
     proposed = np.stack([plane, plane + 0.2])
     ones = np.ones((40, 40), np.float32)
     config = SupportConfig(radius_px=12, step_px=4)
-    support = support_of(proposed, plane, ones, 0.5 * ones[None], config=config)
+    slopes = surface_slopes(jnp.asarray(plane), 8)
+    support = support_of(proposed, plane, slopes, ones, 0.5 * ones[None], config=config)
     middle = np.s_[12:28, 12:28]
     # All pixels of the window agree with the plane, and are off by two scales from the other one.
     np.testing.assert_allclose(support[0][middle], 1.0, **tolerance("float32"))
@@ -61,13 +63,13 @@ def test_a_slanted_surface_supports_its_own_disparity(tolerance):
 
 def test_pixels_that_are_not_certain_support_nothing():
     maps = np.ones((16, 16), np.float32)
-    support = support_of(maps[None], maps, 0 * maps, maps[None], config=SupportConfig())
+    slopes = np.zeros((2, 16, 16), np.float32)
+    support = support_of(maps[None], maps, slopes, 0 * maps, maps[None], config=SupportConfig())
     assert not np.any(support)
 
 
 def test_colour_decides_where_grey_is_equal():
-    # A near strip in front of a wall: both have the same constant grey, so that every candidate
-    # matches, and a textured frame that shows the disparity of each.
+    # A near surface of the grey of the wall behind it; its disparity is fattened by six pixels.
     near = (np.arange(64) >= 32)[None] & np.ones((64, 1), bool)
     truth = np.where(near, 2.0, -1.0).astype(np.float32)
     fattened = np.tile(np.where(np.arange(64) >= 26, 2.0, -1.0).astype(np.float32), (64, 1))
@@ -75,12 +77,9 @@ def test_colour_decides_where_grey_is_equal():
     certainty = np.where(fattened == truth, 1.0, 0.2).astype(np.float32)
     colour = np.where(near, np.float32([[[0.6]], [[0.2]], [[0.3]]]), np.float32(0.326))
     grey = np.full((1, 64, 64), 0.326, np.float32)
+    slopes = surface_slopes(jnp.asarray(fattened), 8)
     by_colour, by_grey = (
-        np.asarray(
-            support_of(
-                proposed, fattened.astype(np.float32), certainty, each, config=SupportConfig()
-            )
-        )
+        np.asarray(support_of(proposed, fattened, slopes, certainty, each, config=SupportConfig()))
         for each in (colour, grey)
     )
     wrong = fattened != truth
