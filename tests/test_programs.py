@@ -69,6 +69,22 @@ def test_a_program_is_traced_once_for_each_shape_and_name(folder, call):
     assert programs.cached_programs() == []
 
 
+def test_small_programs_compile_without_the_option_of_a_version_of_xla(folder, monkeypatch):
+    compile_ = jax.stages.Lowered.compile
+    options = []
+
+    def compile_without_options(lowered, compiler_options=None):
+        options.append(compiler_options)
+        if compiler_options:
+            raise jax.errors.JaxRuntimeError("INVALID_ARGUMENT: No such compile option")
+        return compile_(lowered)
+
+    monkeypatch.setattr(jax.stages.Lowered, "compile", compile_without_options)
+    doubled = programs.kept(lambda x: 2.0 * x)
+    np.testing.assert_array_equal(doubled(ARRAY), 2.0 * ARRAY)
+    assert len(options) == 2
+
+
 def test_functions_of_others_are_identified_by_what_they_compute(folder, call):
     assert call(name=None, factor=2.0)
     assert call(name=None, factor=3.0)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import sum_leading
 from occjax.lightfield import centre_index
 from occjax.models.proposal.aperture import SECTORS, other_views
@@ -213,9 +214,7 @@ def sector_sums(
     # Padded once for all shifts. A view that is shifted by more than the margin is compared at the
     # margin; it shows little of the image anyway.
     margin = max(h, w) // 4 + 1
-    padded = jnp.pad(
-        planes, ((0, 0), (0, 0), (margin, margin + 1), (margin, margin + 1)), mode="edge"
-    )
+    padded = pad_borders(planes, (margin, margin + 1), (margin, margin + 1))
     candidates, displacements = as_coordinates(candidates, -others.offset)
     scale = jnp.where(others.present[:, None], 1 / (c * truncation[None]), 0.0).astype(
         features.dtype

@@ -17,6 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from occjax.kernels.padding import pad_borders
+
 BINOMIAL = (np.poly1d([0.5, 0.5]) ** 8).coeffs
 """Weights of :func:`binomial_filter` along a row or a column."""
 
@@ -84,7 +86,7 @@ def central_differences(
         >>> down[:, 1].tolist(), right[0].tolist()
         ([0.5, 0.5], [1.0, 2.0, 1.0])
     """
-    padded = jnp.pad(image, [(0, 0)] * (image.ndim - 2) + [(1, 1), (1, 1)], mode="edge")
+    padded = pad_borders(image, (1, 1), (1, 1))
     along_y = (padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]) / 2
     along_x = (padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]) / 2
     return along_y, along_x
@@ -243,7 +245,7 @@ def _weighted_sums(image: Array, weights: Sequence[float]) -> Array:
     """
     radius = len(weights) // 2
     # One padding for both axes: an operation between the two sums would break their fusion.
-    sums = jnp.pad(image, [(0, 0)] * (image.ndim - 2) + [(radius, radius)] * 2, mode="edge")
+    sums = pad_borders(image, (radius, radius), (radius, radius))
     for axis in (image.ndim - 2, image.ndim - 1):
         size = image.shape[axis]
         slices = (

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from occjax.errors import InputError
 from occjax.kernels.median import median_filter
+from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import softmax_leading, sum_leading
 from occjax.models.proposal.config import ProposalNetConfig
 from occjax.models.proposal.exposure import white_level
@@ -302,8 +303,8 @@ class ProposalNet(nn.Module):
         below, right = (-size % multiple for size in (h, w))
 
         def scaled(images: Float[Array, "*n h w"]) -> Float[Array, "*n _ _"]:
-            margins = ((0, 0),) * (images.ndim - 2) + ((0, below), (0, right))
-            return jnp.pad(images * (self.config.exposure.white / white), margins, mode="edge")
+            images = images * (self.config.exposure.white / white)
+            return pad_borders(images, (0, below), (0, right))
 
         if colour is not None:
             colour = as_images(colour, "c h w", "colour")

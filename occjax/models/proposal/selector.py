@@ -12,6 +12,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import max_leading, sum_leading
 from occjax.models.proposal.config import SelectorConfig
 from occjax.models.proposal.filters import central_differences, sample_at_offsets
@@ -175,7 +176,7 @@ def path_contrasts(centre: Float[Array, "h w"], offsets: Offsets) -> Float[Array
         [0.0, 3.0, 0.0]
     """
     radius = max(abs(step) for offset in offsets for step in offset)
-    padded = jnp.pad(centre, radius, mode="edge")
+    padded = pad_borders(centre, (radius, radius), (radius, radius))
     steps = [
         (index, before, after)
         for index, offset in enumerate(offsets)

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import sum_leading
 from occjax.models.proposal.config import SupportConfig
 
@@ -61,10 +62,10 @@ def proposal_support(
     height, width = disparity.shape
     radius, channels = config.radius_px, len(appearance)
     maps = jnp.concatenate([appearance, disparity[None], slopes])
-    margins = [(0, 0), (radius, radius), (radius, radius)]
+    margins = (radius, radius), (radius, radius)
     # Pixels outside of the image support nothing.
-    weights = jnp.pad(jnp.square(confidence), margins[1:])
-    padded = jnp.concatenate([jnp.pad(maps, margins, mode="edge"), weights[None]])
+    weights = jnp.pad(jnp.square(confidence), margins)
+    padded = jnp.concatenate([pad_borders(maps, *margins), weights[None]])
     starts = range(0, 2 * radius + 1, config.step_px)  # of the shifted images in the padded one
 
     def add_row(sums: Float[Array, "k h w"], row: Array) -> tuple[Float[Array, "k h w"], None]:
