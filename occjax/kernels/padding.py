@@ -30,7 +30,8 @@ def pad_borders(
     # A concatenation of rows, as in jnp.pad, would be fused into all operations that read the
     # result, which repeats the operations before it in each of them. XLA keeps the result of a
     # selection of rows. A selection of columns would take longer than their concatenation.
-    height = images.shape[-2]
-    selected = np.clip(np.arange(-rows[0], height + rows[1]), 0, height - 1)
-    margins = [(0, 0)] * (images.ndim - 1) + [columns]
-    return jnp.pad(images[..., selected, :], margins, mode="edge")
+    if any(rows):
+        height = images.shape[-2]
+        selected = np.clip(np.arange(-rows[0], height + rows[1]), 0, height - 1)
+        images = images[..., selected, :]
+    return jnp.pad(images, [(0, 0)] * (images.ndim - 1) + [columns], mode="edge")

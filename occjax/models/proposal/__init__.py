@@ -6,8 +6,8 @@ estimator.
 
 Reading order, which is the order of the data: :mod:`config`, :mod:`exposure`, :mod:`noise`,
 :mod:`costs`, :mod:`semi_global`, :mod:`search`, :mod:`planes`, :mod:`sector_costs`,
-:mod:`proposals`, :mod:`selector`, :mod:`support`, :mod:`residual`, :mod:`planar`, :mod:`network`.
-:mod:`aperture`, :mod:`filters` and :mod:`resolution` hold what several steps use.
+:mod:`proposals`, :mod:`selector`, :mod:`support`, :mod:`residual`, :mod:`planar`, :mod:`voting`,
+:mod:`network`. :mod:`aperture`, :mod:`filters` and :mod:`resolution` hold what several steps use.
 """
 
 import lazy_loader

@@ -2,7 +2,7 @@
 
 The training-free estimator is ProposalNet without its selector. The steps, in the order of the
 data: exposure, matching costs, semi-global search, refinement by planes, proposals, selection,
-support, residual, planar surfaces.
+support, residual, planar surfaces, voting.
 
 Grey levels are relative to ``ExposureConfig.white``. Disparities are in pixels per view step of a
 light field whose largest view offset is ``ProposalNetConfig.reach``.
@@ -232,6 +232,45 @@ class SupportConfig:
 
 
 @dataclass(frozen=True)
+class VotingConfig:
+    """Region voting: replaces disparities by those of the pixels around that look alike.
+
+    Attributes:
+        radius_px: Half width of the square window, in pixels; a multiple of ``step_px``.
+        step_px: Spacing of the voting pixels in the window, in pixels.
+        appearance_scale: Difference of colour or grey, as a mean over the channels, that reduces
+            the vote of a pixel to a third; at four times this difference it has no vote.
+        confidence_power: Power of the confidence of a pixel in its vote.
+        min_distance: Smallest distance of the second elected disparity from the first.
+        min_change: Largest difference from the elected disparity at which a pixel keeps its own.
+        bias: Log-odds that an elected disparity is better, without the following terms.
+        votes: Factor on the logarithm of its votes relative to those of the pixel's own disparity.
+        cost_increase: Factor on its matching cost minus that of the pixel's own disparity.
+        proposal_probability: Factor on the logarithm of the probability of the closest proposal.
+    """
+
+    radius_px: int = 36
+    step_px: int = 6
+    appearance_scale: float = 0.01
+    confidence_power: float = 4.0
+    min_distance: float = 0.4
+    min_change: float = 0.15
+    bias: float = 0.78
+    votes: float = 0.58
+    cost_increase: float = -7.2
+    proposal_probability: float = 0.63
+
+    def __post_init__(self) -> None:
+        """Check that the window contains its centre."""
+        if self.step_px < 1 or self.radius_px % self.step_px:
+            raise ValueError(
+                f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
+            )
+        if self.appearance_scale <= 0.0:
+            raise ValueError(f"appearance_scale must be positive, not {self.appearance_scale}")
+
+
+@dataclass(frozen=True)
 class ResidualConfig:
     """The second learned part: a residual from a cost volume around the selected disparity.
 
@@ -329,6 +368,8 @@ class ProposalNetConfig:
         selector: Learned selection; None skips proposals and selection.
         support: Support of the proposals by the pixels around each pixel; None keeps the
             probabilities of the selector.
+        voting: Replacement of disparities by those of the pixels around; None keeps those of the
+            selection.
         residual: Learned residual of the selected disparity; None skips it.
         planar: Planes of large planar surfaces; None keeps the disparity without them.
         confidence: Confidence of the disparity.
@@ -347,6 +388,7 @@ class ProposalNetConfig:
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
     support: SupportConfig | None = SupportConfig()
+    voting: VotingConfig | None = VotingConfig()
     residual: ResidualConfig | None = None
     planar: PlanarConfig | None = PlanarConfig()
     confidence: ConfidenceConfig = ConfidenceConfig()
@@ -399,6 +441,7 @@ PRESETS: dict[str, ProposalNetConfig] = {
         ),
         selector=None,
         support=None,
+        voting=None,
         planar=None,
         views="all",
     ),

@@ -1,4 +1,4 @@
-"""ProposalNet: semi-global search, slanted-plane refinement, proposals, selection, residual.
+"""ProposalNet: semi-global search, slanted-plane refinement, proposals, selection, residual, voting.
 
 The network takes any arrangement of views and any range of disparities. Everything before the
 selection has no weights and is the training-free estimator. The selection decides which surface a
@@ -31,6 +31,7 @@ from occjax.models.proposal.proposals import (
     ProposalCosts,
     Proposals,
     make_proposals,
+    sample_half_resolution,
 )
 from occjax.models.proposal.residual import (
     STATISTICS,
@@ -43,6 +44,7 @@ from occjax.models.proposal.resolution import upsample2x
 from occjax.models.proposal.search import GreyViews, SearchResult, search
 from occjax.models.proposal.selector import ProposalSelector
 from occjax.models.proposal.support import proposal_support
+from occjax.models.proposal.voting import election_scores, region_votes, replace_outvoted
 from occjax.ops import confidence, expected_disparity
 from occjax.ops.sampling import as_coordinates, as_images, as_offsets
 
@@ -83,13 +85,17 @@ class ProposalOutput(NamedTuple):
 
 
 class _Selected(NamedTuple):
-    """Result before the residual and the planes; see :class:`ProposalOutput`."""
+    """Result before the residual; see :class:`ProposalOutput`.
+
+    ``unsupported`` is the selection before :meth:`ProposalNet._support`.
+    """
 
     disparity: Float[Array, "h w"]
     certainty: Float[Array, "h w"]
     standard_deviation: Float[Array, "h w"]
     information: Float[Array, "h w"]
     selection: Selection | None
+    unsupported: Selection | None
 
 
 class ProposalNet(nn.Module):
@@ -172,6 +178,10 @@ class ProposalNet(nn.Module):
             certainty = certainty * residual.confidence
         if self.config.planar is not None:
             disparity = flatten_planar_surfaces(disparity, selected.information, self.config.planar)
+        if self.config.voting is not None and selected.unsupported is not None:
+            disparity = self._vote(
+                disparity, certainty, selected.unsupported, searched, candidates, grey
+            )
         output = ProposalOutput(
             disparity,
             coarse,
@@ -195,13 +205,14 @@ class ProposalNet(nn.Module):
         deviation = spread.standard_deviation
         if self.config.search.downsampling == 2:
             certainty, deviation = upsample2x(certainty), upsample2x(deviation)
-        selection, disparity = None, refined.disparity
+        selection, unsupported, disparity = None, None, refined.disparity
         if self.config.selector is None:
             certainty = certainty * _smoothness(disparity, self.config.confidence.edge_step)
         else:
             selection = self.select(
                 make_proposals(grey, searched, refined.disparity, candidates, self.config)
             )
+            unsupported = selection
             if self.config.support is not None:
                 selection = self._support(selection, certainty, grey.appearance)
             # A single pixel that differs from all its neighbours is more often wrong than correct.
@@ -210,7 +221,7 @@ class ProposalNet(nn.Module):
             difference = selection.proposed - selection.disparity[None]
             deviation = confidence(selection.probabilities, difference).standard_deviation
         information = refined.information * jnp.square(certainty)
-        return _Selected(disparity, certainty, deviation, information, selection)
+        return _Selected(disparity, certainty, deviation, information, selection, unsupported)
 
     def _support(
         self,
@@ -246,6 +257,42 @@ class ProposalNet(nn.Module):
         probabilities = _normalised(selection.probabilities * factor)
         supported = self._most_likely(selection.proposed, _normalised(probabilities * factor))
         return supported._replace(probabilities=probabilities)
+
+    def _vote(
+        self,
+        disparity: Float[Array, "h w"],
+        certainty: Float[Array, "h w"],
+        selection: Selection,
+        searched: SearchResult,
+        candidates: Float[Array, " d"],
+        grey: GreyViews,
+    ) -> Float[Array, "h w"]:
+        """Replace the disparities that the pixels around a pixel vote down.
+
+        Args:
+            disparity: ``[h, w]`` disparity.
+            certainty: ``[h, w]`` its confidence in [0, 1].
+            selection: Selection among the proposals, without their support.
+            searched: Result of the search.
+            candidates: ``[d]`` candidates of the search.
+            grey: Views.
+
+        Returns:
+            ``[h, w]`` disparity.
+        """
+        settings = self.config.voting
+        assert settings is not None
+        slopes = surface_slopes(disparity, self.config.proposals.slope_step_px)
+        votes = region_votes(disparity, slopes, certainty, grey.appearance, candidates, settings)
+
+        def cost(of: Float[Array, "h w"]) -> Float[Array, "h w"]:
+            return sample_half_resolution(searched.costs, candidates, of)
+
+        costs = jax.lax.map(cost, jnp.concatenate([votes.elected, disparity[None]]))
+        scores = election_scores(
+            votes, costs[:2] - costs[2:], selection.proposed, selection.probabilities, settings
+        )
+        return replace_outvoted(disparity, votes.elected, scores, settings)
 
     def _volume(self, grey: GreyViews, selected: _Selected) -> ResidualVolume:
         """Compute the volume around the disparity that was selected."""

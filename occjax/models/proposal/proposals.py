@@ -150,7 +150,7 @@ def make_proposals(
         )
         means = jax.vmap(lambda sums: sector_means(SectorCosts(sums, costs.weights)))(costs.sums)
         robust, absolute, detail = means.best_half[:, 0]
-        aggregated = _sample_half_resolution(searched.aggregated, candidates, disparity)
+        aggregated = sample_half_resolution(searched.aggregated, candidates, disparity)
         return ProposalCosts.stack(
             sectors=means.sectors[0, :, 0],
             aperture=means.aperture[0, 0],
@@ -194,10 +194,16 @@ def second_best(
     return winner_takes_all(jnp.where(far, searched.aggregated, 1e3), candidates)
 
 
-def _sample_half_resolution(
+def sample_half_resolution(
     volume: Float[Array, "d i j"], candidates: Float[Array, " d"], disparity: Float[Array, "h w"]
 ) -> Float[Array, "h w"]:
-    """Interpolate a volume of half resolution at the disparity of each pixel."""
+    """Interpolate a volume of half resolution at the disparity of each pixel.
+
+    Args:
+        volume: ``[d, h / 2, w / 2]`` values at the candidates.
+        candidates: ``[d]`` evenly spaced disparities.
+        disparity: ``[h, w]`` disparity map.
+    """
     blocks = space_to_depth(disparity[None, ..., None])[0]
     values = interpolate_volume(volume, candidates, jnp.moveaxis(blocks, -1, 0))
     return depth_to_space(jnp.moveaxis(values, 0, -1)[None])[0, ..., 0]

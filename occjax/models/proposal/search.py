@@ -56,11 +56,13 @@ class SearchResult(NamedTuple):
 
     Attributes:
         disparity: ``[i, j]`` disparity of least cost.
+        costs: ``[d, i, j]`` matching costs, before the aggregation.
         aggregated: ``[d, i, j]`` aggregated costs; that of the best candidate is 0.
         probabilities: ``[d, i, j]`` probability of each candidate.
     """
 
     disparity: Float[Array, "i j"]
+    costs: Float[Array, "d i j"]
     aggregated: Float[Array, "d i j"]
     probabilities: Float[Array, "d i j"]
 
@@ -105,7 +107,7 @@ def search(
     if settings.context_radius_px:
         disparity = refine_along_surfaces(costs, candidates, disparity, edges, vignetted, settings)
     probabilities = softmax_leading(-aggregated / settings.temperature)
-    return SearchResult(disparity, aggregated, probabilities)
+    return SearchResult(disparity, costs, aggregated, probabilities)
 
 
 def candidate_spacing(candidates: Float[Array, " d"]) -> Float[Array, ""]:

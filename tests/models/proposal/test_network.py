@@ -77,8 +77,8 @@ def test_order_of_the_views_does_not_matter(variables, views, output, tolerance)
         OFFSETS.reshape(9, 2)[order].reshape(OFFSETS.shape),
         CANDIDATES,
     )
-    # Sums in another order differ in the last digits.
-    np.testing.assert_allclose(shuffled.disparity, output.disparity, **tolerance("float32"))
+    # Sums in another order differ in the last digits, which differences of close costs amplify.
+    np.testing.assert_allclose(shuffled.disparity, output.disparity, **tolerance("amplified"))
 
 
 def test_views_twice_as_far_apart_have_half_the_disparity(variables, views, output, tolerance):
