@@ -193,7 +193,7 @@ def load_or_compile(
 
 
 def _compile_quickly(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
-    """Compile without the slower of both code generators of XLA for CPUs."""
+    """Compile without fusion emitters, the code generator of XLA that compiles more slowly."""
     try:
         return lowered.compile(compiler_options={"xla_cpu_use_fusion_emitters": False})
     except jax.errors.JaxRuntimeError:  # a version of XLA without this option

@@ -241,8 +241,10 @@ class VotingConfig:
         appearance_scale: Difference of colour or grey, as a mean over the channels, that reduces
             the vote of a pixel to a third; at four times this difference it has no vote.
         confidence_power: Power of the confidence of a pixel in its vote.
-        min_distance: Smallest distance of the second elected disparity from the first.
-        min_change: Largest difference from the elected disparity at which a pixel keeps its own.
+        min_distance: Smallest distance of the second elected disparity from the first, in pixels
+            per view step at the configured reach.
+        min_change: Largest difference from the elected disparity at which a pixel keeps its own, in
+            the same unit.
         bias: Log-odds that an elected disparity is better, without the following terms.
         votes: Factor on the logarithm of its votes relative to those of the pixel's own disparity.
         cost_increase: Factor on its matching cost minus that of the pixel's own disparity.
@@ -261,13 +263,15 @@ class VotingConfig:
     proposal_probability: float = 0.63
 
     def __post_init__(self) -> None:
-        """Check that the window contains its centre."""
-        if self.step_px < 1 or self.radius_px % self.step_px:
+        """Check the ranges of the settings."""
+        if self.step_px < 1 or self.radius_px < 0 or self.radius_px % self.step_px:
             raise ValueError(
                 f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
             )
-        if self.appearance_scale <= 0.0:
-            raise ValueError(f"appearance_scale must be positive, not {self.appearance_scale}")
+        if not min(self.appearance_scale, self.confidence_power) > 0.0:
+            raise ValueError("appearance_scale and confidence_power must be positive")
+        if not min(self.min_distance, self.min_change) >= 0.0:
+            raise ValueError("min_distance and min_change must be 0 or more")
 
 
 @dataclass(frozen=True)
@@ -368,10 +372,10 @@ class ProposalNetConfig:
         selector: Learned selection; None skips proposals and selection.
         support: Support of the proposals by the pixels around each pixel; None keeps the
             probabilities of the selector.
-        voting: Replacement of disparities by those of the pixels around; None keeps those of the
-            selection.
         residual: Learned residual of the selected disparity; None skips it.
         planar: Planes of large planar surfaces; None keeps the disparity without them.
+        voting: Replacement of disparities by those of the pixels around; None skips it, as does
+            ``selector=None``.
         confidence: Confidence of the disparity.
         views: Views of a grid that are compared with the centre view. The two outermost views in
             eight directions carry most of the information.
@@ -388,9 +392,9 @@ class ProposalNetConfig:
     proposals: ProposalsConfig = ProposalsConfig()
     selector: SelectorConfig | None = SelectorConfig()
     support: SupportConfig | None = SupportConfig()
-    voting: VotingConfig | None = VotingConfig()
     residual: ResidualConfig | None = None
     planar: PlanarConfig | None = PlanarConfig()
+    voting: VotingConfig | None = VotingConfig()
     confidence: ConfidenceConfig = ConfidenceConfig()
     views: Arrangement = "outer_star"
     reach: float = 4.0

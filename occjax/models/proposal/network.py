@@ -1,4 +1,4 @@
-"""ProposalNet: semi-global search, slanted-plane refinement, proposals, selection, residual, voting.
+"""ProposalNet: search, slanted-plane refinement, proposals, selection, residual, planes, voting.
 
 The network takes any arrangement of views and any range of disparities. Everything before the
 selection has no weights and is the training-free estimator. The selection decides which surface a
@@ -267,7 +267,7 @@ class ProposalNet(nn.Module):
         candidates: Float[Array, " d"],
         grey: GreyViews,
     ) -> Float[Array, "h w"]:
-        """Replace the disparities that the pixels around a pixel vote down.
+        """Replace disparities by those for which the pixels around vote.
 
         Args:
             disparity: ``[h, w]`` disparity.
@@ -282,13 +282,15 @@ class ProposalNet(nn.Module):
         """
         settings = self.config.voting
         assert settings is not None
-        slopes = surface_slopes(disparity, self.config.proposals.slope_step_px)
-        votes = region_votes(disparity, slopes, certainty, grey.appearance, candidates, settings)
+        # The residual can leave the range of the candidates, outside of which nothing is known.
+        within = jnp.clip(disparity, candidates[0], candidates[-1])
+        slopes = surface_slopes(within, self.config.proposals.slope_step_px)
+        votes = region_votes(within, slopes, certainty, grey.appearance, candidates, settings)
 
         def cost(of: Float[Array, "h w"]) -> Float[Array, "h w"]:
             return sample_half_resolution(searched.costs, candidates, of)
 
-        costs = jax.lax.map(cost, jnp.concatenate([votes.elected, disparity[None]]))
+        costs = jax.lax.map(cost, jnp.concatenate([votes.elected, within[None]]))
         scores = election_scores(
             votes, costs[:2] - costs[2:], selection.proposed, selection.probabilities, settings
         )

@@ -1,8 +1,8 @@
-"""Region voting: disparities that the certain pixels of the same colour around a pixel have.
+"""Region voting: confident pixels of similar colour in a window vote for the disparity of a pixel.
 
 The gaps between leaves show a blank wall. Seen from other views, a gap moves with the leaves, so
-that its costs at the disparity of the leaves are as low as at that of the wall, and of its
-neighbours all may be leaves. But the wall is known elsewhere, and it has the colour of the gap.
+that its costs at the disparity of the leaves are as low as at that of the wall. All neighbours may
+be leaves. But the disparity of the wall is known in other parts of the window.
 As in the region voting of AD-Census (Mei et al., On Building an Accurate Stereo Matching System on
 Graphics Hardware, ICCV Workshops 2011), the pixels of the region vote for their disparities. A
 disparity with many votes replaces that of the pixel if its costs do not contradict.
@@ -22,14 +22,15 @@ from occjax.kernels.median import median_filter
 from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import max_leading, min_leading, sum_leading
 from occjax.models.proposal.config import VotingConfig
+from occjax.models.proposal.search import candidate_spacing
 
 
 class Votes(NamedTuple):
     """Disparities with most votes of the pixels around each pixel.
 
     Attributes:
-        elected: ``[2, h, w]`` the disparity with most votes, and that with most votes at some
-            distance from it.
+        elected: ``[2, h, w]`` the disparity with most votes, and that with most votes farther than
+            ``min_distance`` from it.
         received: ``[2, h, w]`` votes of both, in [0, 1].
         own: ``[h, w]`` votes of the pixel's own disparity.
     """
@@ -49,17 +50,18 @@ def region_votes(
 ) -> Votes:
     """Count the votes for all candidates at each pixel and return those with most votes.
 
-    A pixel votes for the disparity of its surface, continued by its slope, by the product of a
-    power of its confidence and the similarity ``max(0, 1 - |difference| / (4 appearance_scale))^4``
-    of its appearance, with the mean over the channels. This is close to an exponential function.
-    The vote is divided between both neighbouring candidates.
+    A pixel votes for the disparity of its surface, continued by its slope. The weight of its vote
+    is the product of ``confidence ** confidence_power`` and its similarity, which is
+    ``max(0, 1 - difference / (4 appearance_scale)) ** 4``. The difference is the mean absolute
+    difference of the channels. The vote is divided between both neighbouring candidates.
 
     Args:
         disparity: ``[h, w]`` disparity of each pixel.
         slopes: ``[2, h, w]`` its slope along rows and columns, per pixel.
         confidence: ``[h, w]`` its confidence in [0, 1].
         appearance: ``[c, h, w]`` colour or grey of the centre view.
-        candidates: ``[d]`` evenly spaced disparities; those beyond them receive no votes.
+        candidates: ``[d]`` evenly spaced disparities; disparities outside their range receive no
+            votes.
         config: Settings.
 
     Returns:
@@ -78,7 +80,8 @@ def region_votes(
     """
     height, width = disparity.shape
     radius, channels = config.radius_px, len(appearance)
-    spacing = (candidates[-1] - candidates[0]) / (len(candidates) - 1)
+    candidates = candidates.astype(disparity.dtype)
+    spacing = candidate_spacing(candidates)
     grid = candidates[:, None, None]
     margins = (radius, radius), (radius, radius)
     maps = pad_borders(jnp.concatenate([appearance, disparity[None], slopes]), *margins)
@@ -122,7 +125,8 @@ def region_votes(
             return sum_leading(near * (grid - winner[None])) / (sum_leading(near) + 1e-12) + winner
 
         first_elected = elect(votes)
-        far = jnp.abs(grid - first_elected[None]) > config.min_distance
+        distance = jnp.maximum(config.min_distance, 1.5 * spacing)
+        far = jnp.abs(grid - first_elected[None]) > distance
         elected = jnp.stack([first_elected, elect(jnp.where(far, votes, 0.0))])
         own = jax.lax.dynamic_slice(disparity, (first, 0), (rows, width))
         of_each = [sum_leading(votes * nearness(each)) for each in (*elected, own)]
@@ -161,12 +165,14 @@ def election_scores(
         return max_leading(jnp.where(is_closest, probabilities, 0.0))
 
     probability = jnp.stack([closest(elected) for elected in votes.elected])
-    return (
+    scores = (
         config.bias
         + config.votes * jnp.log((votes.received + 1e-4) / (votes.own[None] + 1e-4))
         + config.cost_increase * cost_increase
         + config.proposal_probability * jnp.log(probability + 1e-4)
     )
+    # Without votes, the first candidate is elected.
+    return jnp.where(votes.received > 0.0, scores, -jnp.inf)
 
 
 def replace_outvoted(
@@ -177,7 +183,8 @@ def replace_outvoted(
 ) -> Float[Array, "h w"]:
     """Replace the disparity of pixels by an elected one of positive score.
 
-    A change that the neighbours do not share is undone by a median filter.
+    A median filter follows. It undoes a change of a single pixel, and changes single pixels among
+    changed ones.
 
     Args:
         disparity: ``[h, w]`` disparity of each pixel.

@@ -65,7 +65,9 @@ def test_neighbours_continue_their_surface_at_the_image_border(tolerance):
 def test_second_best_is_the_least_cost_far_from_the_best():
     candidates = jnp.linspace(-2.0, 2.0, 9)
     costs = jnp.abs(candidates - 0.5).at[1].set(0.1)[:, None, None]  # a second minimum at -1.5
-    searched = SearchResult(jnp.full((1, 1), 0.5), costs, jax.nn.softmax(-costs, axis=0))
+    searched = SearchResult(
+        jnp.full((1, 1), 0.5), jnp.zeros_like(costs), costs, jax.nn.softmax(-costs, axis=0)
+    )
     second = proposals.second_best(searched, candidates, 0.7)
     assert abs(float(second[0, 0]) + 1.5) <= 0.25  # half of the interval
 

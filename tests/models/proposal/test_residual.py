@@ -128,7 +128,7 @@ def test_the_last_score_changes_the_odds_of_the_confidence(volume, tolerance):
 
 def test_the_network_adds_the_residual_to_the_disparity(uniform, tolerance):
     """With all weight on the last candidate every pixel moves by it, at the network's reach."""
-    config = preset("proposal_small", support=None, planar=None)
+    config = preset("proposal_small", support=None, planar=None, voting=None)
     variables = random_variables(config, jax.random.key(0))
     kept = dataclasses.replace(config, residual=None)
     views, candidates = uniform(3, 3, 16, 16), jnp.linspace(-3.0, 3.0, 13)

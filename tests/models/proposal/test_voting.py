@@ -46,7 +46,7 @@ def test_votes_are_those_of_loops_over_the_window(size, tolerance):
     disparity, slopes = rng.uniform(-1, 1, size), rng.uniform(-0.1, 0.1, (2, *size))
     confidence, appearance = rng.random(size), rng.uniform(0, 0.05, (3, *size))
     candidates = np.linspace(-1.5, 1.5, 7)
-    config = VotingConfig(radius_px=2, step_px=1, appearance_scale=0.02, min_distance=0.6)
+    config = VotingConfig(radius_px=2, step_px=1, appearance_scale=0.02, min_distance=0.8)
     arguments = disparity, slopes, confidence, appearance, candidates
     found = votes_of(*(jnp.asarray(each, jnp.float32) for each in arguments), config=config)
     expected = counted(*arguments, config)
@@ -86,6 +86,15 @@ def test_scores_are_a_logistic_regression():
             + CONFIG.proposal_probability * math.log(probability + 1e-4)
         )
         assert float(score) == pytest.approx(expected, rel=1e-5)
+
+
+def test_nothing_is_elected_without_votes():
+    own, flat = jnp.full((8, 8), 0.5), jnp.zeros((2, 8, 8))
+    config = VotingConfig(radius_px=6, step_px=3)
+    candidates = jnp.linspace(-2.0, 2.0, 9)
+    votes = votes_of(own, flat, jnp.zeros((8, 8)), flat[:1], candidates, config=config)
+    scores = election_scores(votes, flat, own[None], jnp.ones((1, 8, 8)), config)
+    np.testing.assert_array_equal(replace_outvoted(own, votes.elected, scores, config), own)
 
 
 def test_only_changes_that_neighbours_share_are_made():
@@ -128,7 +137,17 @@ def test_the_gaps_between_leaves_get_the_disparity_of_the_wall():
     assert np.mean(np.abs(voted - truth) > 0.1) < 0.005
 
 
-@pytest.mark.parametrize("wrong", [{"step_px": 5}, {"step_px": 0}, {"appearance_scale": 0.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"step_px": 5},
+        {"step_px": 0},
+        {"radius_px": -6},
+        {"appearance_scale": 0.0},
+        {"confidence_power": -1.0},
+        {"min_change": -0.1},
+    ],
+)
 def test_settings_that_cannot_work_are_refused(wrong):
     with pytest.raises(ValueError, match="must be"):
         VotingConfig(**wrong)
