@@ -11,6 +11,8 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Array
 
+from occjax.kernels.padding import pad_borders
+
 Image = TypeVar("Image", np.ndarray, Array)
 
 
@@ -28,8 +30,7 @@ def median_filter(image: Image) -> Image:
         0.0
     """
     xp = image.__array_namespace__()
-    rows = np.clip(np.arange(-1, image.shape[0] + 1), 0, image.shape[0] - 1)
-    padded = xp.pad(image[rows], ((0, 0), (1, 1)), mode="edge")
+    padded = pad_borders(image, (1, 1), (1, 1))
     low, middle, high = _sort_three(padded[:-2], padded[1:-1], padded[2:])
     # Of three sorted columns the median is the median of these three values.
     max_low = functools.reduce(xp.maximum, _column_triple(low))

@@ -5,18 +5,19 @@ The reference is ``numpy.pad`` with ``mode="edge"``.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
+from typing import TypeVar
+
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
+
+Images = TypeVar("Images", np.ndarray, Array)
 
 
-def pad_borders(
-    images: Float[Array, "*n h w"], rows: tuple[int, int], columns: tuple[int, int]
-) -> Float[Array, "*n _ _"]:
+def pad_borders(images: Images, rows: tuple[int, int], columns: tuple[int, int]) -> Images:
     """Replicate the outermost pixels of images.
 
     Args:
-        images: ``[..., h, w]`` images.
+        images: ``[..., h, w]`` NumPy or JAX array; the result is of the same kind.
         rows: Number of rows to add above and below.
         columns: Number of columns to add on the left and on the right.
 
@@ -24,7 +25,7 @@ def pad_borders(
         ``[..., h + sum(rows), w + sum(columns)]`` images.
 
     Example:
-        >>> pad_borders(jnp.array([[1.0, 2.0]]), (0, 1), (1, 0)).tolist()
+        >>> pad_borders(np.array([[1.0, 2.0]]), (0, 1), (1, 0)).tolist()
         [[1.0, 1.0, 2.0], [1.0, 1.0, 2.0]]
     """
     # A concatenation of rows, as in jnp.pad, would be fused into all operations that read the
@@ -34,4 +35,5 @@ def pad_borders(
         height = images.shape[-2]
         selected = np.clip(np.arange(-rows[0], height + rows[1]), 0, height - 1)
         images = images[..., selected, :]
-    return jnp.pad(images, [(0, 0)] * (images.ndim - 1) + [columns], mode="edge")
+    margins = [(0, 0)] * (images.ndim - 1) + [columns]
+    return images.__array_namespace__().pad(images, margins, mode="edge")

@@ -199,6 +199,12 @@ class SelectorConfig:
     initial_bias: float = 3.0
 
 
+def _check_window(radius_px: int, step_px: int) -> None:
+    """Check that evenly spaced pixels of a window contain its centre."""
+    if step_px < 1 or radius_px < 0 or radius_px % step_px:
+        raise ValueError(f"radius_px must be a multiple of step_px, not {radius_px} and {step_px}")
+
+
 @dataclass(frozen=True)
 class SupportConfig:
     """Support of the proposals of a pixel by the pixels around it that look alike.
@@ -222,10 +228,7 @@ class SupportConfig:
 
     def __post_init__(self) -> None:
         """Check that the window contains its centre, and that no support is zero."""
-        if self.step_px < 1 or self.radius_px % self.step_px:
-            raise ValueError(
-                f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
-            )
+        _check_window(self.radius_px, self.step_px)
         # With a floor of 0, all proposals of a blank image would have the probability 0 / 0.
         if min(self.appearance_scale, self.disparity_scale, self.floor) <= 0.0:
             raise ValueError("appearance_scale, disparity_scale and floor must be positive")
@@ -264,10 +267,7 @@ class VotingConfig:
 
     def __post_init__(self) -> None:
         """Check the ranges of the settings."""
-        if self.step_px < 1 or self.radius_px < 0 or self.radius_px % self.step_px:
-            raise ValueError(
-                f"radius_px must be a multiple of step_px, not {self.radius_px} and {self.step_px}"
-            )
+        _check_window(self.radius_px, self.step_px)
         if not min(self.appearance_scale, self.confidence_power) > 0.0:
             raise ValueError("appearance_scale and confidence_power must be positive")
         if not min(self.min_distance, self.min_change) >= 0.0:

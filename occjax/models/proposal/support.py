@@ -61,11 +61,7 @@ def proposal_support(
     """
     height, width = disparity.shape
     radius, channels = config.radius_px, len(appearance)
-    maps = jnp.concatenate([appearance, disparity[None], slopes])
-    margins = (radius, radius), (radius, radius)
-    # Pixels outside of the image support nothing.
-    weights = jnp.pad(jnp.square(confidence), margins)
-    padded = jnp.concatenate([pad_borders(maps, *margins), weights[None]])
+    padded = pad_window_maps(appearance, disparity, slopes, jnp.square(confidence), radius)
     starts = range(0, 2 * radius + 1, config.step_px)  # of the shifted images in the padded one
 
     def add_row(sums: Float[Array, "k h w"], row: Array) -> tuple[Float[Array, "k h w"], None]:
@@ -88,3 +84,28 @@ def proposal_support(
 
     support, _ = jax.lax.scan(add_row, jnp.zeros_like(proposed), jnp.array(starts))
     return support / len(starts) ** 2
+
+
+def pad_window_maps(
+    appearance: Float[Array, "c h w"],
+    disparity: Float[Array, "h w"],
+    slopes: Float[Array, "2 h w"],
+    weights: Float[Array, "h w"],
+    radius: int,
+) -> Float[Array, "m i j"]:
+    """Stack the maps of the pixels around, padded so that each window lies within them.
+
+    Args:
+        appearance: ``[c, h, w]`` colour or grey of the centre view.
+        disparity: ``[h, w]`` disparity of each pixel.
+        slopes: ``[2, h, w]`` its slope along rows and columns, per pixel.
+        weights: ``[h, w]`` weight of each pixel.
+        radius: Half width of the window, in pixels.
+
+    Returns:
+        ``[c + 4, h + 2 radius, w + 2 radius]`` appearance, disparity, slopes and weight; the weight
+        of pixels outside of the image is 0.
+    """
+    margins = (radius, radius), (radius, radius)
+    maps = pad_borders(jnp.concatenate([appearance, disparity[None], slopes]), *margins)
+    return jnp.concatenate([maps, jnp.pad(weights, margins)[None]])

@@ -12,6 +12,7 @@ Disparities are those at the configured reach.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -19,10 +20,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from occjax.kernels.median import median_filter
-from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import max_leading, min_leading, sum_leading
 from occjax.models.proposal.config import VotingConfig
 from occjax.models.proposal.search import candidate_spacing
+from occjax.models.proposal.support import pad_window_maps
 
 
 class Votes(NamedTuple):
@@ -83,20 +84,17 @@ def region_votes(
     candidates = candidates.astype(disparity.dtype)
     spacing = candidate_spacing(candidates)
     grid = candidates[:, None, None]
-    margins = (radius, radius), (radius, radius)
-    maps = pad_borders(jnp.concatenate([appearance, disparity[None], slopes]), *margins)
-    # Pixels outside of the image do not vote.
-    weights = jnp.pad(confidence**config.confidence_power, margins)
-    padded = jnp.concatenate([maps, weights[None]])
+    weights = confidence**config.confidence_power
+    padded = pad_window_maps(appearance, disparity, slopes, weights, radius)
     steps = jnp.arange(0, 2 * radius + 1, config.step_px)
     starts = jnp.stack(jnp.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
 
-    def nearness(values: Float[Array, "i w"]) -> Float[Array, "d i w"]:
+    def nearness(distance: Array) -> Array:
         """Return 1 at a candidate, falling to 0 at its neighbours."""
-        return jnp.maximum(1.0 - jnp.abs(grid - values[None]) / spacing, 0.0)
+        return jnp.maximum(1.0 - jnp.abs(distance) / spacing, 0.0)
 
     # The votes of a few rows stay in the cache.
-    rows = next(size for size in (16, 8, 4, 2, 1) if height % size == 0)
+    rows = math.gcd(height, 16)
 
     def count(first: Array) -> Votes:
         own_look = jax.lax.dynamic_slice(appearance, (0, first, 0), (channels, rows, width))
@@ -110,8 +108,7 @@ def region_votes(
             surface = surface - down * slope_down - right * slope_right
             # On a CPU, an exponential function would take three times as long as all the rest.
             similarity = jnp.maximum(1.0 - difference / (4.0 * config.appearance_scale), 0.0) ** 4
-            distance = jnp.abs(candidates[None, None] - surface[..., None]) / spacing
-            near = jnp.maximum(1.0 - distance, 0.0)
+            near = nearness(candidates[None, None] - surface[..., None])
             return votes + (weight * similarity)[..., None] * near, None
 
         # With the candidates as last axis, XLA computes surface and weight once for all of them.
@@ -129,7 +126,7 @@ def region_votes(
         far = jnp.abs(grid - first_elected[None]) > distance
         elected = jnp.stack([first_elected, elect(jnp.where(far, votes, 0.0))])
         own = jax.lax.dynamic_slice(disparity, (first, 0), (rows, width))
-        of_each = [sum_leading(votes * nearness(each)) for each in (*elected, own)]
+        of_each = [sum_leading(votes * nearness(grid - each[None])) for each in (*elected, own)]
         return Votes(elected, jnp.stack(of_each[:2]), of_each[2])
 
     strips = jax.lax.map(count, rows * jnp.arange(height // rows))
