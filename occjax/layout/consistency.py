@@ -19,11 +19,14 @@ import math
 from dataclasses import dataclass
 from functools import reduce
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from occjax.errors import InputError
+from occjax.kernels.bilinear import displaced_plane
+from occjax.kernels.padding import pad_borders
 from occjax.layout.brightness import ViewBrightness
 from occjax.layout.config import ViewOrderConfig
 from occjax.layout.filters import box_mean, high_pass, reduce_image
@@ -268,19 +271,15 @@ def arm_volume(
     radius: int,
 ) -> Float[Array, "d h w"]:
     """Return the local mean of the absolute difference of shifted views from the centre view."""
-    from occjax.ops import refined_volume  # a cached program does not need it
+    # A larger displacement reads only the replicated border.
+    margin = max(centre.shape)
+    padded = pad_borders(images, (margin, margin + 1), (margin, margin + 1))
 
-    def combine(views: Float[Array, "1 n h w 1"], _: Array | None) -> Float[Array, "h w"]:
-        differences = jnp.abs(views[0, ..., 0] - centre[None])
-        # A product with weights: in a fused mean XLA would read the views repeatedly.
-        weights = jnp.full(len(differences), 1 / len(differences), differences.dtype)
-        return box_mean(jnp.tensordot(weights, differences, 1, precision="highest"), radius)
+    def plane(candidate: Float[Array, ""]) -> Float[Array, "h w"]:
+        differences = [
+            jnp.abs(displaced_plane(padded, (view,), -candidate * offset, margin) - centre)
+            for view, offset in enumerate(offsets)
+        ]
+        return box_mean(sum(differences, jnp.zeros_like(centre)) / len(differences), radius)
 
-    return refined_volume(
-        images[None, ..., None],
-        jnp.zeros_like(centre),
-        candidates,
-        offsets=offsets[None],
-        combine=combine,
-        streamed=True,
-    )
+    return jax.lax.map(plane, candidates)

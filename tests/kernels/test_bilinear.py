@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from occjax import ops
-from occjax.kernels.bilinear import inside_view, pack_pairs, warp_packed_pair, warp_plane
+from occjax.kernels.bilinear import (
+    displaced_plane,
+    inside_view,
+    pack_pairs,
+    warp_packed_pair,
+    warp_plane,
+)
+from occjax.kernels.padding import pad_borders
 from tests.ops.arrays import random
 
 OFFSET = jnp.array([1.0, -1.3])
@@ -22,6 +29,17 @@ def test_fast_reads_are_warps(size, tolerance):
     pairs = pack_pairs(jnp.asarray(images, jnp.float16))
     both = jax.jit(warp_packed_pair)(pairs, disparity, OFFSET)
     np.testing.assert_allclose(jnp.stack(both, -1), expected, **tolerance("float32"))
+
+
+@pytest.mark.parametrize("disparity", [0.0, 1.0, -0.7, 2.4, 60.0])
+def test_displaced_planes_are_warps_by_one_disparity(disparity, tolerance):
+    images, margin = random(6, 7, 2), 7
+    planes = jnp.moveaxis(jnp.asarray(images), -1, 0)
+    padded = pad_borders(planes, (margin, margin + 1), (margin, margin + 1))
+    expected = jax.jit(ops.warp)(images, jnp.full((6, 7), disparity), OFFSET)
+    for plane in (0, 1):
+        read = displaced_plane(padded, (plane,), -disparity * OFFSET, margin)
+        np.testing.assert_allclose(read, expected[..., plane], **tolerance("float32"))
 
 
 def test_derivatives_in_the_disparity_are_those_of_the_warp(tolerance):

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from occjax.kernels.bilinear import displaced_plane
 from occjax.kernels.padding import pad_borders
 from occjax.kernels.reductions import sum_leading
 from occjax.lightfield import centre_index
@@ -233,9 +234,8 @@ def sector_sums(
             view, sector, displacement, scale, bias = step
             error = zero
             for channel in range(c):
-                shifted = _shift(
-                    padded, (view, np.int32(channel)), candidate * displacement, margin
-                )
+                plane = view, np.int32(channel)
+                shifted = displaced_plane(padded, plane, candidate * displacement, margin)
                 difference = jnp.abs(shifted - centre[channel]) + bias[channel]
                 error = error + jnp.minimum(difference * scale[channel], 1 / c)
             return sums.at[sector].add(error), None
@@ -284,26 +284,6 @@ def _aperture_parts() -> np.ndarray:
 
 
 _PARTS = _aperture_parts()
-
-
-def _shift(padded: Array, plane: tuple[Array, np.int32], displacement: Array, margin: int) -> Array:
-    """Read one plane ``[h, w]`` of the padded ``[k, c, ...]`` at a displacement, bilinearly.
-
-    Unlike :func:`occjax.ops.shift`, it reads an array that was padded once for all candidates. Four
-    slices and their weighted sum fuse into one pass over memory.
-    """
-    size = (1, 1, padded.shape[2] - 2 * margin - 1, padded.shape[3] - 2 * margin - 1)
-    displacement = jnp.clip(displacement, -margin, margin)
-    whole = jax.lax.stop_gradient(jnp.floor(displacement))
-    row_fraction, column_fraction = (displacement - whole).astype(padded.dtype)
-    row, column = whole.astype(jnp.int32) + margin
-
-    def tap(down, right):
-        return jax.lax.dynamic_slice(padded, (*plane, row + down, column + right), size)[0, 0]
-
-    left = tap(0, 0) * (1 - row_fraction) + tap(1, 0) * row_fraction
-    right = tap(0, 1) * (1 - row_fraction) + tap(1, 1) * row_fraction
-    return left * (1 - column_fraction) + right * column_fraction
 
 
 def _interpolation_bias(
