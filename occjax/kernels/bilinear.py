@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float16, Int, UInt32
 
 from occjax.lightfield import project
@@ -37,7 +38,7 @@ def whole_and_fraction(
 
 def displaced_plane(
     padded: Float[Array, "*n i j"],
-    plane: tuple[int | Int[Array, ""], ...],
+    plane: tuple[ArrayLike, ...],
     displacement: Float[Array, "2"],
     margin: int,
 ) -> Float[Array, "h w"]:
