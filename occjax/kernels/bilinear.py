@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float16, Int, UInt32
 
+from occjax.kernels.padding import materialised
 from occjax.lightfield import project
 
 
@@ -163,7 +164,7 @@ def _taps(image: Array, disparity: Array, offset: Array) -> tuple[list[Array], A
     row, down = base_and_fraction(y, h)
     column, right = base_and_fraction(x, w)
     # In an image one pixel high or wide both taps are that pixel.
-    flat, base = image.reshape(-1), jnp.maximum(row, 0) * w + jnp.maximum(column, 0)
+    flat, base = image.reshape(-1), materialised(jnp.maximum(row, 0) * w + jnp.maximum(column, 0))
     row_step, column_step = min(h - 1, 1) * w, min(w - 1, 1)
     steps = (0, column_step, row_step, row_step + column_step)
     return [flat.at[base + step].get(mode="promise_in_bounds") for step in steps], down, right

@@ -37,3 +37,13 @@ def pad_borders(images: Images, rows: tuple[int, int], columns: tuple[int, int])
         images = images[..., selected, :]
     margins = [(0, 0)] * (images.ndim - 1) + [columns]
     return images.__array_namespace__().pad(images, margins, mode="edge")
+
+
+def materialised(maps: Array) -> Array:
+    """Return the same maps ``[..., h, w]``, stored once instead of recomputed by each reader.
+
+    XLA fuses the operations before several readers into each of them and removes
+    ``jax.lax.optimization_barrier`` before that. It keeps the result of a selection of rows, even
+    of all rows.
+    """
+    return maps[..., np.arange(maps.shape[-2]), :]
