@@ -44,6 +44,14 @@ class OtherViews(NamedTuple):
         """Number of views in each sector."""
         return jnp.zeros(SECTORS, jnp.float32).at[self.sector].add(self.present.astype(jnp.float32))
 
+    def by_sector(self) -> tuple[OtherViews, Bool[Array, " n"]]:
+        """Return the views in the order of their sectors, and which are the first of a sector."""
+        order = jnp.argsort(self.sector)
+        ordered = self._replace(
+            **{name: getattr(self, name)[order] for name in self._fields if name != "centre"}
+        )
+        return ordered, jnp.diff(ordered.sector, prepend=-1) > 0
+
 
 def sector_of(offsets: Float[Array | np.ndarray, "*grid 2"]) -> Int[Array, "*grid"]:
     """Return the sector of the aperture of each view: its direction in steps of 45 degrees.

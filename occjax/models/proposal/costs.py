@@ -18,7 +18,6 @@ from jaxtyping import Array, Float
 
 from occjax.kernels.bilinear import displaced_plane
 from occjax.kernels.padding import pad_borders
-from occjax.kernels.reductions import sum_leading
 from occjax.lightfield import centre_index
 from occjax.models.proposal.aperture import SECTORS, other_views
 from occjax.models.proposal.config import CostConfig, NoiseConfig
@@ -107,9 +106,8 @@ def photometric_costs(
         noise=blurred_deviation,
         correlation=jnp.full((1, 2), BINOMIAL_CORRELATION, views.dtype),
         offsets=offsets,
-        combine=lambda sums, counts: box_filter(
-            sum_leading(sums) / counts.sum(), config.window_radius_px
-        ),
+        combine=lambda sums, counts: box_filter(sums[0] / counts[0], config.window_radius_px),
+        by_sector=False,
     )
     weight = texture_weight(views[centre_index((v, u))], level, noise)[None]
     return weight * sharp + (1 - weight) * blurred
@@ -167,10 +165,11 @@ def sector_sums(
     candidates: Float[Array, " d"],
     *,
     truncation: Float[Array, " c"],
-    combine: Callable[[Float[Array, "8 h w"], Float[Array, " 8"]], T],
+    combine: Callable[[Float[Array, "s h w"], Float[Array, " s"]], T],
     noise: Float[Array, " c"] | None = None,
     correlation: Float[Array, "c 2"] | None = None,
     offsets: Float[Array, "v u 2"] | None = None,
+    by_sector: bool = True,
 ) -> T:
     """Sum truncated absolute differences to the centre view in each sector of the aperture.
 
@@ -183,8 +182,8 @@ def sector_sums(
         candidates: ``[d]`` disparities, pixels per view step.
         truncation: ``[c]`` difference of each feature above which the cost is constant, so that
             highlights and occluders have a bounded effect.
-        combine: Function that reduces each candidate: from the sums ``[8, h, w]`` of ``e_k`` and
-            the number ``[8]`` of views in each sector it computes the result.
+        combine: Function that reduces each candidate: from the sums ``[s, h, w]`` of ``e_k`` and
+            the number ``[s]`` of views in each of the s sectors it computes the result.
         noise: ``[c]`` standard deviation of the noise of each feature. The mean difference is
             corrected for the bias that interpolation of noise gives to sub-pixel candidates.
         correlation: ``[c, 2]`` correlation of each feature's noise between neighbouring pixels
@@ -192,6 +191,7 @@ def sector_sums(
             noise less.
         offsets: ``[v, u, 2]`` offset ``(row, column)`` of each view from the centre view; a regular
             grid by default.
+        by_sector: Sum the views of each sector; False sums all views, as if they were one sector.
 
     Returns:
         The result of ``combine``, with a leading axis of candidates.
@@ -209,7 +209,10 @@ def sector_sums(
     """
     features = as_images(features, "v u h w c", "features")
     v, u, h, w, c = features.shape
-    others = other_views((v, u), offsets)
+    others, starts_sector = other_views((v, u), offsets).by_sector()
+    counts = others.sector_counts.astype(features.dtype)
+    if not by_sector:
+        counts = counts.sum(keepdims=True)
     planes = jnp.moveaxis(features.reshape(v * u, h, w, c), -1, 1)
     centre = planes[others.centre]
     # Padded once for all shifts. A view that is shifted by more than the margin is compared at the
@@ -230,19 +233,26 @@ def sector_sums(
     def plane(candidate):
         bias = _interpolation_bias(noise, truncation, candidate * displacements, correlation)
 
-        def add_view(sums, step):
-            view, sector, displacement, scale, bias = step
+        def add_view(carry, step):
+            view, sector, starts, displacement, scale, bias = step
+            running, sums = carry
             error = zero
             for channel in range(c):
-                plane = view, np.int32(channel)
-                shifted = displaced_plane(padded, plane, candidate * displacement, margin)
+                index = view, np.int32(channel)
+                shifted = displaced_plane(padded, index, candidate * displacement, margin)
                 difference = jnp.abs(shifted - centre[channel]) + bias[channel]
                 error = error + jnp.minimum(difference * scale[channel], 1 / c)
-            return sums.at[sector].add(error), None
+            if not by_sector:
+                return (running + error, sums), None
+            # On a CPU, XLA divides this sum among the cores, but not an addition to one of eight
+            # maps. The last view of a sector stores the sum of all of them.
+            running = jnp.where(starts, zero, running) + error
+            return (running, jax.lax.dynamic_update_index_in_dim(sums, running, sector, 0)), None
 
-        terms = (others.indices, others.sector, displacements, scale, bias)
-        sums, _ = jax.lax.scan(add_view, jnp.stack([zero] * SECTORS), terms)
-        return combine(sums, others.sector_counts.astype(features.dtype))
+        terms = (others.indices, others.sector, starts_sector, displacements, scale, bias)
+        initial = zero, jnp.stack([zero] * SECTORS)
+        (total, sums), _ = jax.lax.scan(add_view, initial, terms)
+        return combine(sums if by_sector else total[None], counts)
 
     return jax.lax.map(plane, candidates)
 

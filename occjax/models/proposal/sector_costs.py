@@ -157,10 +157,7 @@ def _summed_costs(
     """Sum the costs of the views of each sector, or of all views as one sector."""
     features = [as_images(each, "v u h w c", "features") for each in features]
     (disparities,) = as_coordinates(disparities)
-    others = other_views(features[0].shape[:2], offsets)
-    sectors, count = others.sector, SECTORS
-    if not by_sector:
-        sectors, count = jnp.zeros_like(others.sector), 1
+    others, starts_sector = other_views(features[0].shape[:2], offsets).by_sector()
     flat = [each.reshape(-1, *each.shape[2:]) for each in features]
     readers = [_reader(images) for images in flat]
     centre = [
@@ -169,8 +166,9 @@ def _summed_costs(
         for plane in jnp.moveaxis(images[others.centre], -1, 0)
     ]
 
-    def add_view(totals, view):
-        index, sector, offset, present = view
+    def add_view(carry, view):
+        index, sector, starts, offset, present = view
+        running, sums = carry
         read_view = [reader(index) for reader in readers]
 
         def costs_of_map(disparity):
@@ -180,13 +178,23 @@ def _summed_costs(
             return *(visible * cost for cost in penalties(differences)), visible
 
         terms = jax.vmap(costs_of_map)(disparities)
-        return [total.at[sector].add(term) for total, term in zip(totals, terms, strict=True)], None
+        if by_sector:
+            running = [jnp.where(starts, 0.0, before) for before in running]
+        running = [before + term for before, term in zip(running, terms, strict=True)]
+        if by_sector:  # the last view of a sector stores the sum of all of them
+            sums = [
+                jax.lax.dynamic_update_index_in_dim(stored, each, sector, 0)
+                for stored, each in zip(sums, running, strict=True)
+            ]
+        return (running, sums), None
 
     measures = len(jax.eval_shape(penalties, centre))
     # One array per measure: with one array for all, XLA would compute the warps once per measure.
-    zero = jnp.zeros((count, *disparities.shape), centre[0].dtype)
-    views = (others.indices, sectors, others.offset, others.present)
-    *sums, weights = jax.lax.scan(add_view, [zero] * (measures + 1), views)[0]
+    zero = jnp.zeros(disparities.shape, centre[0].dtype)
+    initial = [zero] * (measures + 1), [jnp.stack([zero] * SECTORS)] * (measures + 1)
+    views = (others.indices, others.sector, starts_sector, others.offset, others.present)
+    (totals, sums), _ = jax.lax.scan(add_view, initial, views)
+    *sums, weights = sums if by_sector else [total[None] for total in totals]
     return jnp.stack(sums), weights
 
 

@@ -21,6 +21,14 @@ def test_other_views_are_listed_row_by_row_with_their_offsets():
     assert others.sector_counts.tolist() == [1, 0, 0, 0, 1, 1, 1, 1]
 
 
+def test_views_can_be_ordered_by_their_sector():
+    ordered, starts = other_views((3, 4), None).by_sector()  # around the view of index 6
+    assert ordered.centre == 6
+    assert ordered.indices.tolist() == [7, 11, 10, 8, 9, 4, 5, 0, 1, 2, 3]
+    assert np.flatnonzero(starts).tolist() == [0, 1, 2, 3, 5, 7, 9, 10]
+    assert sector_of(ordered.offset).tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 5, 6, 7]
+
+
 def test_view_at_the_position_of_the_centre_view_is_ignored():
     offsets = jnp.array([[0.0, 0.0], [0.0, 0.0], [0.0, 1.0]])[None]
     others = other_views((1, 3), offsets)

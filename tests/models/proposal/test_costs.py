@@ -18,16 +18,18 @@ CANDIDATES = jnp.array([-1.3, 0.0, 0.4])
 TRUNCATION = jnp.array([0.3, 0.6])
 
 
-@pytest.mark.parametrize("grid", [(3, 3), (1, 4), (2, 2)])
+@pytest.mark.parametrize("grid", [(3, 3), (1, 4), (2, 2), (3, 5)])
 def test_sums_are_over_the_views_of_each_sector(grid, uniform, tolerance):
     features, offsets = uniform(*grid, 5, 8, 2), view_offsets(*grid)
-    sums, counts = costs.sector_sums(
-        features, CANDIDATES, truncation=TRUNCATION, combine=lambda *kept: kept
-    )
     arrays = map(np.asarray, (features, CANDIDATES, TRUNCATION, offsets))
     expected_sums, expected_counts = reference.sector_sums(*arrays)
+    settings = {"truncation": TRUNCATION, "combine": lambda *kept: kept}
+    sums, counts = costs.sector_sums(features, CANDIDATES, **settings)
     np.testing.assert_allclose(sums, expected_sums, **tolerance("float32"))
     np.testing.assert_array_equal(counts[0], expected_counts)
+    totals, count = costs.sector_sums(features, CANDIDATES, **settings, by_sector=False)
+    np.testing.assert_allclose(totals[:, 0], expected_sums.sum(1), **tolerance("float32"))
+    np.testing.assert_array_equal(count[0], [expected_counts.sum()])
 
 
 @pytest.mark.parametrize("grid", [(3, 3), (1, 4)])
