@@ -1,6 +1,6 @@
-"""Padding of images by their border pixels, fast to run and to compile on a CPU.
+"""Padding of images by their border pixels, and maps that XLA stores, fast on a CPU.
 
-The reference is ``numpy.pad`` with ``mode="edge"``.
+The reference of :func:`pad_borders` is ``numpy.pad`` with ``mode="edge"``.
 """
 
 from __future__ import annotations

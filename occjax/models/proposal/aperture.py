@@ -6,8 +6,10 @@ sectors by their direction from the centre view.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -16,6 +18,8 @@ from jaxtyping import Array, Bool, Float, Int
 from occjax.errors import InputError
 from occjax.lightfield import centre_index
 from occjax.ops.sampling import as_coordinates, as_offsets
+
+T = TypeVar("T")
 
 SECTORS = 8
 """Number of sectors of the aperture, 45 degrees each."""
@@ -44,13 +48,12 @@ class OtherViews(NamedTuple):
         """Number of views in each sector."""
         return jnp.zeros(SECTORS, jnp.float32).at[self.sector].add(self.present.astype(jnp.float32))
 
-    def by_sector(self) -> tuple[OtherViews, Bool[Array, " n"]]:
-        """Return the views in the order of their sectors, and which are the first of a sector."""
+    def by_sector(self) -> OtherViews:
+        """Return the views in the order of their sectors, as :func:`sum_over_views` needs them."""
         order = jnp.argsort(self.sector)
-        ordered = self._replace(
+        return self._replace(
             **{name: getattr(self, name)[order] for name in self._fields if name != "centre"}
         )
-        return ordered, jnp.diff(ordered.sector, prepend=-1) > 0
 
 
 def sector_of(offsets: Float[Array | np.ndarray, "*grid 2"]) -> Int[Array, "*grid"]:
@@ -118,3 +121,52 @@ def nearest_views(others: OtherViews) -> tuple[Int[Array, " k"], Float[Array, "k
     order = jnp.argsort(distance)[:4]
     order = jnp.where(distance[order] <= 1.5 * distance[order[0]], order, order[0])
     return others.indices[order], others.offset[order]
+
+
+def sum_over_views(
+    term: Callable[[Any], T], views: Any, zero: T, sector: Int[Array, " n"] | None
+) -> T:
+    """Sum terms of the views in each sector, one view after the other.
+
+    On a CPU, XLA divides a running sum among the cores, but not an addition to one of eight maps.
+    Therefore each view stores the running sum of its sector, which the next view of the sector
+    replaces.
+
+    Args:
+        term: Function from the values of one view to one or several arrays.
+        views: Arrays with a leading axis of the n views.
+        zero: Arrays of zeros like those of ``term``.
+        sector: ``[n]`` ascending sector of each view (:meth:`OtherViews.by_sector`); None sums all
+            views, as if they were one sector.
+
+    Returns:
+        Arrays like ``zero``, with a leading axis of the 8 sectors, or of the one.
+
+    Example:
+        >>> sums = sum_over_views(lambda v: v, jnp.ones(3), jnp.zeros(()), jnp.array([0, 2, 2]))
+        >>> sums.tolist()
+        [1.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    """
+    if sector is None:
+        total = jax.lax.scan(lambda sums, view: (_add(sums, term(view)), None), zero, views)[0]
+        return jax.tree.map(lambda array: array[None], total)
+
+    def add(carry: tuple[T, T], step: tuple[Array, Array, Any]) -> tuple[tuple[T, T], None]:
+        running, sums = carry
+        sector, starts_sector, view = step
+        running = jax.tree.map(lambda array: jnp.where(starts_sector, 0.0, array), running)
+        running = _add(running, term(view))
+        stored = jax.tree.map(
+            lambda all_sums, array: jax.lax.dynamic_update_index_in_dim(all_sums, array, sector, 0),
+            sums,
+            running,
+        )
+        return (running, stored), None
+
+    empty = jax.tree.map(lambda array: jnp.stack([array] * SECTORS), zero)
+    steps = sector, jnp.diff(sector, prepend=-1) > 0, views
+    return jax.lax.scan(add, (zero, empty), steps)[0][1]
+
+
+def _add(sums: T, terms: T) -> T:
+    return jax.tree.map(jnp.add, sums, terms)

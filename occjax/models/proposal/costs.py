@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from occjax.kernels.bilinear import displaced_plane
 from occjax.kernels.padding import pad_borders
 from occjax.lightfield import centre_index
-from occjax.models.proposal.aperture import SECTORS, other_views
+from occjax.models.proposal.aperture import SECTORS, other_views, sum_over_views
 from occjax.models.proposal.config import CostConfig, NoiseConfig
 from occjax.models.proposal.filters import (
     BINOMIAL_CORRELATION,
@@ -209,7 +209,7 @@ def sector_sums(
     """
     features = as_images(features, "v u h w c", "features")
     v, u, h, w, c = features.shape
-    others, starts_sector = other_views((v, u), offsets).by_sector()
+    others = other_views((v, u), offsets).by_sector()
     counts = others.sector_counts.astype(features.dtype)
     if not by_sector:
         counts = counts.sum(keepdims=True)
@@ -233,26 +233,19 @@ def sector_sums(
     def plane(candidate):
         bias = _interpolation_bias(noise, truncation, candidate * displacements, correlation)
 
-        def add_view(carry, step):
-            view, sector, starts, displacement, scale, bias = step
-            running, sums = carry
+        def view_error(step):
+            view, displacement, scale, bias = step
             error = zero
             for channel in range(c):
                 index = view, np.int32(channel)
                 shifted = displaced_plane(padded, index, candidate * displacement, margin)
                 difference = jnp.abs(shifted - centre[channel]) + bias[channel]
                 error = error + jnp.minimum(difference * scale[channel], 1 / c)
-            if not by_sector:
-                return (running + error, sums), None
-            # On a CPU, XLA divides this sum among the cores, but not an addition to one of eight
-            # maps. The last view of a sector stores the sum of all of them.
-            running = jnp.where(starts, zero, running) + error
-            return (running, jax.lax.dynamic_update_index_in_dim(sums, running, sector, 0)), None
+            return error
 
-        terms = (others.indices, others.sector, starts_sector, displacements, scale, bias)
-        initial = zero, jnp.stack([zero] * SECTORS)
-        (total, sums), _ = jax.lax.scan(add_view, initial, terms)
-        return combine(sums if by_sector else total[None], counts)
+        steps = others.indices, displacements, scale, bias
+        sums = sum_over_views(view_error, steps, zero, others.sector if by_sector else None)
+        return combine(sums, counts)
 
     return jax.lax.map(plane, candidates)
 

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from occjax.kernels.bilinear import inside_view, pack_pairs, warp_packed_pair, warp_plane
-from occjax.models.proposal.aperture import SECTORS, other_views
+from occjax.models.proposal.aperture import SECTORS, other_views, sum_over_views
 from occjax.models.proposal.filters import box_filter
 from occjax.ops.sampling import as_coordinates, as_images
 
@@ -157,7 +157,7 @@ def _summed_costs(
     """Sum the costs of the views of each sector, or of all views as one sector."""
     features = [as_images(each, "v u h w c", "features") for each in features]
     (disparities,) = as_coordinates(disparities)
-    others, starts_sector = other_views(features[0].shape[:2], offsets).by_sector()
+    others = other_views(features[0].shape[:2], offsets).by_sector()
     flat = [each.reshape(-1, *each.shape[2:]) for each in features]
     readers = [_reader(images) for images in flat]
     centre = [
@@ -166,9 +166,8 @@ def _summed_costs(
         for plane in jnp.moveaxis(images[others.centre], -1, 0)
     ]
 
-    def add_view(carry, view):
-        index, sector, starts, offset, present = view
-        running, sums = carry
+    def view_costs(view):
+        index, offset, present = view
         read_view = [reader(index) for reader in readers]
 
         def costs_of_map(disparity):
@@ -177,24 +176,13 @@ def _summed_costs(
             differences = [plane - here for plane, here in zip(warped, centre, strict=True)]
             return *(visible * cost for cost in penalties(differences)), visible
 
-        terms = jax.vmap(costs_of_map)(disparities)
-        if by_sector:
-            running = [jnp.where(starts, 0.0, before) for before in running]
-        running = [before + term for before, term in zip(running, terms, strict=True)]
-        if by_sector:  # the last view of a sector stores the sum of all of them
-            sums = [
-                jax.lax.dynamic_update_index_in_dim(stored, each, sector, 0)
-                for stored, each in zip(sums, running, strict=True)
-            ]
-        return (running, sums), None
+        return jax.vmap(costs_of_map)(disparities)
 
     measures = len(jax.eval_shape(penalties, centre))
     # One array per measure: with one array for all, XLA would compute the warps once per measure.
-    zero = jnp.zeros(disparities.shape, centre[0].dtype)
-    initial = [zero] * (measures + 1), [jnp.stack([zero] * SECTORS)] * (measures + 1)
-    views = (others.indices, others.sector, starts_sector, others.offset, others.present)
-    (totals, sums), _ = jax.lax.scan(add_view, initial, views)
-    *sums, weights = sums if by_sector else [total[None] for total in totals]
+    zero = (jnp.zeros(disparities.shape, centre[0].dtype),) * (measures + 1)
+    views = others.indices, others.offset, others.present
+    *sums, weights = sum_over_views(view_costs, views, zero, others.sector if by_sector else None)
     return jnp.stack(sums), weights
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from occjax.errors import InputError
-from occjax.models.proposal.aperture import nearest_views, other_views, sector_of
+from occjax.models.proposal.aperture import nearest_views, other_views, sector_of, sum_over_views
 
 
 def test_sectors_count_from_right_to_below():
@@ -22,11 +22,26 @@ def test_other_views_are_listed_row_by_row_with_their_offsets():
 
 
 def test_views_can_be_ordered_by_their_sector():
-    ordered, starts = other_views((3, 4), None).by_sector()  # around the view of index 6
+    ordered = other_views((3, 4), None).by_sector()  # around the view of index 6
     assert ordered.centre == 6
     assert ordered.indices.tolist() == [7, 11, 10, 8, 9, 4, 5, 0, 1, 2, 3]
-    assert np.flatnonzero(starts).tolist() == [0, 1, 2, 3, 5, 7, 9, 10]
+    assert ordered.sector.tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 5, 6, 7]
     assert sector_of(ordered.offset).tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 5, 6, 7]
+
+
+def test_views_are_summed_by_sector_or_all_together():
+    sectors, values = [0, 1, 2, 3, 3, 4, 4, 5, 5, 7, 7], np.arange(1.0, 12.0, dtype=np.float32)
+    views, zero = jnp.asarray(values), (jnp.zeros(2), jnp.zeros(()))
+
+    def term(view):
+        return jnp.stack([view, 2 * view]), view * view
+
+    doubled, squares = sum_over_views(term, views, zero, jnp.array(sectors))
+    of_each = [[v for v, s in zip(values, sectors, strict=True) if s == k] for k in range(8)]
+    assert doubled.tolist() == [[sum(each), 2 * sum(each)] for each in of_each]
+    assert squares.tolist() == [sum(v * v for v in each) for each in of_each]
+    doubled, squares = sum_over_views(term, views, zero, None)
+    assert (doubled.tolist(), squares.tolist()) == ([[66.0, 132.0]], [506.0])
 
 
 def test_view_at_the_position_of_the_centre_view_is_ignored():
