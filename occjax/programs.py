@@ -42,6 +42,8 @@ import jaxlib
 import platformdirs
 from jax.experimental import serialize_executable
 
+from occjax.xla import compiler_options, user_settings
+
 MAX_CACHE_BYTES = 200_000_000
 """Size of the cache above which the programs that were not used for longest are removed."""
 
@@ -172,7 +174,7 @@ def load_or_compile(
     def build(path: Path | None) -> Callable[..., Any]:
         _report.get()()
         lowered = traced or lower()
-        compiled = _compile_quickly(lowered) if quickly else lowered.compile()
+        compiled = _compile(lowered, device, quickly)
         release_memory()
         if path is not None:
             _write(path, compiled)
@@ -192,12 +194,17 @@ def load_or_compile(
     return _replaced_if_broken(program, lambda: build(path))
 
 
-def _compile_quickly(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
-    """Compile without fusion emitters, the code generator of XLA that compiles more slowly."""
+def _compile(lowered: jax.stages.Lowered, device: jax.Device, quickly: bool) -> jax.stages.Compiled:
+    """Compile; quickly without fusion emitters, the code generator of XLA that takes longer."""
+    options = {}
+    if device.platform == "cpu":
+        options = compiler_options() | ({"xla_cpu_use_fusion_emitters": False} if quickly else {})
     try:
-        return lowered.compile(compiler_options={"xla_cpu_use_fusion_emitters": False})
-    except jax.errors.JaxRuntimeError:  # a version of XLA without this option
-        return lowered.compile()
+        return lowered.compile(compiler_options=options)
+    except jax.errors.JaxRuntimeError:
+        if not options:
+            raise
+    return lowered.compile()  # by a version of XLA without one of these options
 
 
 def preload() -> None:
@@ -389,7 +396,7 @@ def _environment() -> tuple:
         (jax.__version__, jaxlib.__version__, platform.python_version()),
         (device.platform, device.device_kind, device.client.platform_version, jax.device_count()),
         (platform.machine(), _processor(), os.cpu_count()),
-        [(key, value) for key, value in sorted(os.environ.items()) if key.startswith("XLA_")],
+        user_settings(),
     )
 
 

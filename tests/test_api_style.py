@@ -96,7 +96,8 @@ BASE = {"errors", "lightfield", ""}
 
 MAY_IMPORT = {
     "errors": set(),
-    "programs": set(),
+    "xla": set(),
+    "programs": {"xla"},
     "lightfield": {"errors"},
     "view_selection": BASE,
     "kernels": BASE,

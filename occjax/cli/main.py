@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import occjax
 from occjax.errors import InputError, nearest
+from occjax.xla import disable_unrolling
 
 
 class Command(NamedTuple):
@@ -59,6 +60,7 @@ def main() -> None:
         sys.exit(0)
     from occjax.cli.running import exit_with
 
+    disable_unrolling()
     try:
         exit_with(lambda: _run(arguments))
     finally:
