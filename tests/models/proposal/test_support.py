@@ -9,6 +9,7 @@ from occjax.errors import InputError
 from occjax.models import ProposalNet, preset
 from occjax.models.proposal import SupportConfig
 from occjax.models.proposal.filters import surface_slopes
+from occjax.models.proposal.network import random_variables
 from occjax.models.proposal.support import proposal_support
 
 support_of = jax.jit(proposal_support, static_argnames="config")
@@ -90,7 +91,7 @@ def test_colour_decides_where_grey_is_equal():
 def test_the_network_without_colour_uses_grey():
     network = ProposalNet(preset("proposal_small", residual=None, planar=None))
     views = jax.random.uniform(jax.random.key(1), (3, 3, 32, 48))
-    variables = {"params": network.init(jax.random.key(0), views)["params"]}
+    variables = random_variables(network.config, jax.random.key(0))
     run = jax.jit(network.apply)
     without = run(variables, views)
     same = run(variables, views, colour=views[1, 1][None])
