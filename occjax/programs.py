@@ -267,15 +267,31 @@ def _entries(folder: Path) -> list[tuple[int, int, Path]]:
 
 def _private_folder() -> Path | None:
     """Return the folder of the programs; None if no program can be kept safely."""
-    if jax.config.values["jax_compilation_cache_dir"] is not None or not hasattr(os, "geteuid"):
-        return None
+    return None if cache_fault() else cache_folder()
+
+
+def cache_fault() -> str | None:
+    """Return why no program is kept or loaded; None if they are. Makes the folder.
+
+    Example:
+        >>> before = jax.config.values["jax_compilation_cache_dir"]
+        >>> jax.config.update("jax_compilation_cache_dir", "mine")
+        >>> cache_fault()
+        "JAX's own cache (jax_compilation_cache_dir) is used instead"
+        >>> jax.config.update("jax_compilation_cache_dir", before)
+    """
+    if jax.config.values["jax_compilation_cache_dir"] is not None:
+        return "JAX's own cache (jax_compilation_cache_dir) is used instead"
+    if not hasattr(os, "geteuid"):
+        return "on this system nobody can tell who may write to it"
     folder = cache_folder()
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
-        return folder if _is_private(folder.lstat(), stat.S_ISDIR) else None
-    except OSError:
-        return None
+        private = _is_private(folder.lstat(), stat.S_ISDIR)
+    except OSError as error:
+        return f"it cannot be made ({error.strerror})"
+    return None if private else "it is no folder that only you can write to"
 
 
 def _is_private(status: os.stat_result, is_kind: Callable[[int], bool]) -> bool:

@@ -29,6 +29,8 @@ def compiler_options() -> dict[str, str | bool]:
 def disable_unrolling() -> None:
     """Set :data:`WITHOUT_UNROLLING` for this process, unless the user has set such options.
 
+    The variable may also name a file of flags, which stays as it is.
+
     The command line calls it, before JAX compiles; later it has no effect. The library does not,
     since the flag changes how other programs of the process are compiled.
 
@@ -39,8 +41,9 @@ def disable_unrolling() -> None:
         ...     os.environ["XLA_FLAGS"]
         '--xla_dump_to=dumps --xla_backend_extra_options=xla_cpu_disable_loop_unrolling'
     """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "--xla_backend_extra_options" not in flags:
+    flags = os.environ.get("XLA_FLAGS", "").strip()
+    is_file = flags and not flags.startswith("--")
+    if not is_file and "--xla_backend_extra_options" not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} {WITHOUT_UNROLLING}".strip()
 
 

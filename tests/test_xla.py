@@ -49,6 +49,7 @@ def test_the_level_of_the_user_stays_and_xla_knows_the_option(monkeypatch, flags
         ("--xla_dump_to=a", f"--xla_dump_to=a {WITHOUT_UNROLLING}"),
         (WITHOUT_UNROLLING, WITHOUT_UNROLLING),
         ("--xla_backend_extra_options=mine", "--xla_backend_extra_options=mine"),
+        ("flags.txt", "flags.txt"),
     ],
 )
 def test_flags_of_the_user_stay(monkeypatch, flags, expected):

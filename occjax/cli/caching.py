@@ -15,14 +15,25 @@ def cache_command(
     ] = "show",
 ) -> int:
     """Show or remove the compiled programs that are kept for later runs."""
-    from occjax.programs import MAX_CACHE_BYTES, cache_folder, cached_programs, clear_cache
+    from occjax.programs import (
+        MAX_CACHE_BYTES,
+        cache_fault,
+        cache_folder,
+        cached_programs,
+        clear_cache,
+    )
 
     found = cached_programs()
     size = sum(path.stat().st_size for path in found) / 1e6
+    content = f"{len(found)} program{'s' * (len(found) != 1)} of {size:.1f} MB"
     if action == "clear":
         clear_cache()
-        print(f"{cache_folder()}: removed {len(found)} programs of {size:.1f} MB")
+        print(f"{cache_folder()}: removed {content}")
     else:
         limit = MAX_CACHE_BYTES / 1e6
-        print(f"{cache_folder()}: {len(found)} programs of {size:.1f} MB, at most {limit:.0f} MB")
+        fault = cache_fault()
+        print(
+            f"{cache_folder()}: {content}, at most {limit:.0f} MB"
+            + (f"; not in use: {fault}" if fault else "")
+        )
     return 0

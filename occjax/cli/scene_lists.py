@@ -29,7 +29,7 @@ def listed_scenes(
     """Return the scenes that the arguments of a command name, in their order.
 
     A pattern with ``*``, ``?`` or ``[`` is replaced by what it matches, and a folder without images
-    of its own by its sub-folders or by its array files; both in natural order, 2 before 10.
+    of its own by its sub-folders and array files; both in natural order, 2 before 10.
 
     Args:
         scenes: Scenes, folders of scenes or patterns.
@@ -119,7 +119,7 @@ def _scenes_in(path: Path, grid: tuple[int, int] | None) -> list[Path]:
     if len(folders) > 1 and grid is None and _hold_parts(folders) and subfolder_patterns(path):
         return [path]
     arrays = [file for file in files if file.suffix.lower() in ARRAY_SUFFIXES]
-    return sorted(folders or arrays, key=natural_order) or [path]
+    return sorted([*folders, *arrays], key=natural_order) or [path]
 
 
 def _hold_parts(folders: list[Path]) -> bool:

@@ -89,7 +89,7 @@ class OutputOptions:
             raise InputError(f"nothing to save; pass all or some of {', '.join(GROUPS)}")
         for name in self.save:
             if name not in GROUPS:
-                raise InputError(f"{name} is nothing to save; {nearest(name, GROUPS)}")
+                raise InputError(f"{name!r} is no group of files; {nearest(name, GROUPS)}")
         if self.min_confidence is not None and not 0.0 <= self.min_confidence <= 1.0:
             raise InputError(f"min_confidence is {self.min_confidence:g}; pass 0 to 1")
 
@@ -98,7 +98,7 @@ def output_options(save: str | tuple[str, ...], min_confidence: float | None) ->
     """Return the options of the command line and of :meth:`Estimate.save`.
 
     Args:
-        save: ``"all"``, or names of groups, as a tuple or separated by commas.
+        save: Names of groups, or ``"all"``, as a tuple or separated by commas.
         min_confidence: See :class:`OutputOptions`.
 
     Raises:
@@ -110,7 +110,7 @@ def output_options(save: str | tuple[str, ...], min_confidence: float | None) ->
     """
     listed = save.split(",") if isinstance(save, str) else save
     names = tuple(name.strip() for name in listed if name.strip())
-    return OutputOptions(tuple(GROUPS) if names == ("all",) else names, min_confidence)
+    return OutputOptions(tuple(GROUPS) if "all" in names else names, min_confidence)
 
 
 @dataclass(frozen=True)

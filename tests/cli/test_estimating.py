@@ -112,7 +112,7 @@ def test_only_what_is_asked_for_is_computed_and_written(run, scene, tmp_path, mo
     }
     code, _, err = run("estimate", scene, "-o", tmp_path, "--save", "clouds")
     assert code == 2
-    assert "clouds is nothing to save; did you mean 'cloud'?" in err
+    assert "'clouds' is no group of files; did you mean 'cloud'?" in err
 
 
 def test_the_next_scene_is_read_while_one_is_estimated(run, write_scene, tmp_path, monkeypatch):

@@ -355,6 +355,8 @@ def test_lists_of_scenes_are_folders_patterns_and_files(tmp_path, monkeypatch):
     assert listed("set/b9") == ["set/b9"]
     assert listed("set", expand_folders=False) == ["set"]
     assert listed("arrays", "set/b*") == ["arrays/a.npz", "arrays/b.npy", "set/b9", "set/b10"]
+    Path("arrays/c").mkdir()  # a folder of scenes may hold arrays and folders
+    assert listed("arrays") == ["arrays/a.npz", "arrays/b.npy", "arrays/c"]
     Path("list.txt").write_text("# scenes\nset/b10\n\narrays/*.npz\n")
     assert listed("set/b10", file=Path("list.txt")) == ["set/b10", "arrays/a.npz"]
     with pytest.raises(InputError, match="nothing matches"):

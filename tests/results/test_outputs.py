@@ -252,6 +252,10 @@ def test_a_confidence_that_is_none_is_refused(value):
         OutputOptions(min_confidence=value)
 
 
+def test_all_groups_may_be_named_with_others():
+    assert output_options("all,maps", None) == EVERYTHING
+
+
 @pytest.mark.parametrize("save", ["", " , ", ()])
 def test_nothing_to_save_is_refused(save):
     with pytest.raises(InputError, match="nothing to save; pass all or some of maps, pictures"):
