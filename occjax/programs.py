@@ -283,7 +283,7 @@ def cache_fault() -> str | None:
     if jax.config.values["jax_compilation_cache_dir"] is not None:
         return "JAX's own cache (jax_compilation_cache_dir) is used instead"
     if not hasattr(os, "geteuid"):
-        return "on this system nobody can tell who may write to it"
+        return "this system does not show who can write to a folder"
     folder = cache_folder()
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -291,7 +291,7 @@ def cache_fault() -> str | None:
         private = _is_private(folder.lstat(), stat.S_ISDIR)
     except OSError as error:
         return f"it cannot be made ({error.strerror})"
-    return None if private else "it is no folder that only you can write to"
+    return None if private else "it must be a folder that only you can write to"
 
 
 def _is_private(status: os.stat_result, is_kind: Callable[[int], bool]) -> bool:

@@ -27,12 +27,11 @@ def compiler_options() -> dict[str, str | bool]:
 
 
 def disable_unrolling() -> None:
-    """Set :data:`WITHOUT_UNROLLING` for this process, unless the user has set such options.
+    """Add :data:`WITHOUT_UNROLLING` to ``XLA_FLAGS``, unless the user has set such options there.
 
-    The variable may also name a file of flags, which stays as it is.
-
-    The command line calls it, before JAX compiles; later it has no effect. The library does not,
-    since the flag changes how other programs of the process are compiled.
+    If ``XLA_FLAGS`` names a file of flags, it stays as it is. The command line calls this function
+    before JAX compiles; later it has no effect. The library does not, since the flag changes how
+    other programs of the process are compiled.
 
     Example:
         >>> from unittest.mock import patch

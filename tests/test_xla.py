@@ -1,4 +1,4 @@
-"""The flag with which XLA compiles faster."""
+"""Settings with which XLA compiles faster, and those of the user."""
 
 import os
 import subprocess

@@ -29,6 +29,8 @@ def test_programs_are_shown_and_removed(run, folder):
 
 def test_the_reason_why_no_program_is_kept_is_shown(run, folder):
     folder.chmod(0o777)
-    assert run("cache")[1].endswith("; not in use: it is no folder that only you can write to\n")
+    assert run("cache")[1].endswith(
+        "; not in use: it must be a folder that only you can write to\n"
+    )
     jax.config.update("jax_compilation_cache_dir", "mine")
     assert "not in use: JAX's own cache (jax_compilation_cache_dir) is used" in run("cache")[1]
